@@ -64,7 +64,9 @@ def _countable(value: int) -> int:
 
 
 def quantity(unit: str, description: str, default: Any = ..., **bounds: Any) -> Any:
-    """A field with a unit: `gap: Number = quantity("m", "distance between the walls", gt=0)`."""
+    """Return a field with a unit: `gap: Number = quantity("m", "distance between the walls",
+    gt=0)`.
+    """
     return Field(
         default,
         description=f"{description} [{unit}]" if unit else description,

@@ -11,8 +11,8 @@ from climbplan.errors import SpecMistake
 KeyPath = tuple[str | int, ...]
 
 
-def dotted(path: KeyPath) -> str:
-    """`terrain.regions.0.friction`, the form that `--set` takes."""
+def format_key_path(path: KeyPath) -> str:
+    """Return a key path in the form that `--set` takes: `terrain.regions.0.friction`."""
     text = ".".join(str(segment) for segment in path)
     text = text if text.isprintable() else ascii(text)[1:-1]
     return text if len(text) <= 120 else text[:117] + "..."
@@ -38,9 +38,10 @@ class Document:
     lines: dict[KeyPath, int] = field(default_factory=dict)  # 1-based
     options: dict[KeyPath, str] = field(default_factory=dict)  # set by this command option
     findings: list[Finding] = field(default_factory=list)  # mistakes of the YAML itself
+    renamed: list[tuple[str, KeyPath]] = field(default_factory=list)  # old key, path of the new
 
     def mistake(self, finding: Finding) -> SpecMistake:
-        """The finding with the line or the option that its value came from."""
+        """Return the finding with the line or the option that its value came from."""
         option, line = finding.option, None
         for length in range(len(finding.path), -1, -1):
             prefix = finding.path[:length]
@@ -49,20 +50,24 @@ class Document:
             if option or line:
                 break
         source = option or self.source
-        return SpecMistake(dotted(finding.path), finding.message, line, finding.suggestion, source)
+        return SpecMistake(
+            format_key_path(finding.path), finding.message, line, finding.suggestion, source
+        )
 
     def placed(self, mistake: SpecMistake) -> SpecMistake:
-        """A mistake found later, by its dotted key alone, with its line or option."""
+        """Return a mistake found later, by its dotted key alone, with its line or option."""
         if mistake.line or mistake.source or not mistake.key:
             return mistake
-        known = {dotted(path): path for path in (*self.lines, *self.options)}
+        paths_by_key = {format_key_path(path): path for path in (*self.lines, *self.options)}
         key = mistake.key
-        while key and key not in known:
+        while key and key not in paths_by_key:
             key = key.rpartition(".")[0]
-        found = self.mistake(Finding(known.get(key, ()), mistake.message, mistake.suggestion))
-        return replace(found, key=mistake.key)
+        located = self.mistake(
+            Finding(paths_by_key.get(key, ()), mistake.message, mistake.suggestion)
+        )
+        return replace(located, key=mistake.key)
 
     def mistakes(self, findings: Iterable[Finding]) -> list[SpecMistake]:
-        """All findings with their places, in the order of the file."""
+        """Return all findings with their places, in the order of the file."""
         mistakes = [self.mistake(finding) for finding in findings]
         return sorted(mistakes, key=lambda m: (m.line is None, m.line or 0))

@@ -7,7 +7,7 @@ from importlib.resources import files
 from importlib.resources.abc import Traversable
 
 from climbplan.errors import UsageError
-from climbplan.schema.fields import nearest
+from climbplan.schema.fields import find_closest_name
 
 # What `climbplan new KIND` writes; the most telling example of each kind.
 FIRST_EXAMPLE = {
@@ -62,48 +62,50 @@ _DATA = {
 }
 
 
-def example_names(kind: str) -> list[str]:
-    """Names of the example specs of one kind, sorted; empty for an unknown kind."""
+def list_example_names(kind: str) -> list[str]:
+    """Return names of the example specs of one kind, sorted; empty for an unknown kind."""
     marker = re.compile(rf"^kind:\s*{re.escape(kind)}\s*(#.*)?$", re.MULTILINE)
     return sorted(
-        name for name, file in _files().items() if marker.search(file.read_text(encoding="utf-8"))
+        name
+        for name, file in _find_example_files().items()
+        if marker.search(file.read_text(encoding="utf-8"))
     )
 
 
-def example_text(name: str) -> str:
-    """The YAML text of an example, comments included.
+def read_example(name: str) -> str:
+    """Return the YAML text of an example, comments included.
 
     Raises:
         UsageError: there is no such example.
     """
-    examples = _files()
+    examples = _find_example_files()
     if name not in examples:
-        near = nearest(name, list(examples))
-        hint = f" (did you mean {near!r}?)" if near else ""
+        closest = find_closest_name(name, list(examples))
+        hint = f" (did you mean {closest!r}?)" if closest else ""
         raise UsageError(f"no example {name!r}, there are {', '.join(sorted(examples))}{hint}")
     return examples[name].read_text(encoding="utf-8")
 
 
-def example_data(name: str) -> dict[str, bytes]:
-    """The files that an example reads, by name; they belong beside it."""
-    folder = _specs()
+def read_example_data(name: str) -> dict[str, bytes]:
+    """Return the files that an example reads, by name; they belong beside it."""
+    folder = _locate_specs()
     return {data: folder.joinpath(data).read_bytes() for data in _DATA.get(name, ())}
 
 
-def example_resource(name: str) -> Traversable:
-    """A file beside the examples, by its whole name."""
-    return _specs().joinpath(name)
+def locate_example_resource(name: str) -> Traversable:
+    """Return a file beside the examples, by its whole name."""
+    return _locate_specs().joinpath(name)
 
 
-def _specs() -> Traversable:
+def _locate_specs() -> Traversable:
     package = files("climbplan")
     specs = package.joinpath("example_specs")  # a wheel carries them inside the package
     return specs if specs.is_dir() else package.joinpath("..", "specs")  # a checkout beside it
 
 
-def _files() -> dict[str, Traversable]:
+def _find_example_files() -> dict[str, Traversable]:
     robots = files("climbplan").joinpath("robots")
-    directories = [d for d in (_specs(), robots, robots.joinpath("modules")) if d.is_dir()]
+    directories = [d for d in (_locate_specs(), robots, robots.joinpath("modules")) if d.is_dir()]
     return {
         entry.name.removesuffix(".yaml"): entry
         for directory in directories

@@ -1,4 +1,4 @@
-"""What a spec model allows at a key path, read from the model itself and said in words."""
+"""Describe what a spec model allows at a key path, read from the model itself."""
 
 from __future__ import annotations
 
@@ -47,10 +47,10 @@ class Slot:
         return get_args(self.type) if get_origin(self.type) is Literal else ()
 
     def child(self, segment: str | int) -> Slot | None:
-        """The place one key or list index further down; None if there is none."""
+        """Return the place one key or list index further down; None if there is none."""
         if self.model is not None:
             field = self.model.model_fields.get(str(segment))
-            return None if field is None else _slot_of(field)
+            return None if field is None else _build_slot(field)
         arguments = get_args(self.type)
         if get_origin(self.type) is tuple and isinstance(segment, int):
             if arguments[-1] is Ellipsis:
@@ -61,23 +61,27 @@ class Slot:
         return None
 
     def _element(self, annotation: Any) -> Slot:
-        bare, bounds = _stripped(annotation)
-        return Slot(bare, bounds, self.unit, self.meaning)
+        inner_type, bounds = _strip_annotation(annotation)
+        return Slot(inner_type, bounds, self.unit, self.meaning)
 
     def expected(self) -> str:
-        """What belongs here, such as `a number in m > 0`."""
+        """Return what belongs here, such as `a number in m > 0`."""
         if self.model is not None:
             text = "text or " if self.or_text else ""
             if self.or_number:
                 text = f"a number{f' in {self.unit}' if self.unit else ''} or "
-            return f"{text}a mapping with the keys {_listed(list(self.model.model_fields))}"
+            return f"{text}a mapping with the keys {_join_quoted(list(self.model.model_fields))}"
         if self.choices:
-            return f"one of {_listed(list(self.choices))}" if self.choices[1:] else self.choices[0]
+            return (
+                f"one of {_join_quoted(list(self.choices))}"
+                if self.choices[1:]
+                else self.choices[0]
+            )
         if self.is_number:
             number = "a whole number" if self.type is int else "a number"
             unit = f" in {self.unit}" if self.unit else ""
-            words = "".join(f", or {word}" for word in self.or_words)
-            return f"{number}{unit}{self._range()}{words}"
+            alternatives = "".join(f", or {alternative}" for alternative in self.or_words)
+            return f"{number}{unit}{self._range()}{alternatives}"
         if self.type is bool:
             return "true or false"
         if self.type is str:
@@ -85,8 +89,12 @@ class Slot:
             return NAME_WORDS if NAME_PATTERN in patterns else "text"
         arguments = get_args(self.type)
         if get_origin(self.type) is tuple and arguments[-1] is Ellipsis:
-            least = [b.min_length for b in self.bounds if isinstance(b, annotated_types.MinLen)]
-            at_least = f" of at least {_COUNTS.get(least[0], least[0])}" if least else ""
+            min_lengths = [
+                b.min_length for b in self.bounds if isinstance(b, annotated_types.MinLen)
+            ]
+            at_least = (
+                f" of at least {_COUNTS.get(min_lengths[0], min_lengths[0])}" if min_lengths else ""
+            )
             return f"a list{at_least}, each {self._element(arguments[0]).expected()}"
         if get_origin(self.type) is tuple:
             count = _COUNTS.get(len(arguments), str(len(arguments)))
@@ -96,11 +104,11 @@ class Slot:
         raise TypeError(f"no words for the type {self.type}")
 
     def _range(self) -> str:
-        limits = " and ".join(limit for bound in self.bounds if (limit := _limit(bound)))
+        limits = " and ".join(limit for bound in self.bounds if (limit := _format_bound(bound)))
         return f" {limits}" if limits else ""
 
 
-def _limit(bound: Any) -> str:
+def _format_bound(bound: Any) -> str:
     match bound:
         case annotated_types.Gt(gt=limit):
             return f"> {limit}"
@@ -113,8 +121,8 @@ def _limit(bound: Any) -> str:
     return ""
 
 
-def slot_at(model: type[SpecModel], path: KeyPath) -> Slot | None:
-    """The place at `path` below a spec of `model`; None where no key is allowed."""
+def find_slot(model: type[SpecModel], path: KeyPath) -> Slot | None:
+    """Return the place at `path` below a spec of `model`; None where no key is allowed."""
     slot: Slot | None = Slot(model)
     for segment in path:
         slot = slot.child(segment) if slot is not None else None
@@ -122,93 +130,100 @@ def slot_at(model: type[SpecModel], path: KeyPath) -> Slot | None:
 
 
 def explain_unknown_key(model: type[SpecModel], path: KeyPath) -> tuple[str, str | None]:
-    """Message and suggestion for a key that `model` does not have at `path`."""
+    """Return message and suggestion for a key that `model` does not have at `path`."""
     key = str(path[-1])
-    parent = slot_at(model, path[:-1])
+    parent = find_slot(model, path[:-1])
     siblings = list(parent.model.model_fields) if parent is not None and parent.model else []
-    if (near := nearest(key, siblings, cutoff=0.8)) is not None:
-        return "unknown key", near
+    if (closest := find_closest_name(key, siblings, cutoff=0.8)) is not None:
+        return "unknown key", closest
     elsewhere = dict.fromkeys(
-        where or "the top level" for where, name in _all_keys(model) if name == key
+        where or "the top level" for where, name in _list_keys(model) if name == key
     )
     if elsewhere:
-        return f"unknown key here; `{key}` belongs under {_listed(list(elsewhere), ' or ')}", None
-    if (near := nearest(key, siblings)) is not None:
-        return "unknown key", near
-    far = nearest(key, [name for _, name in _all_keys(model)], cutoff=0.8)
-    if far is not None:
-        where = next(where for where, name in _all_keys(model) if name == far)
-        return "unknown key", f"{where}.{far}" if where else far
-    return f"unknown key; expected one of {_listed(siblings)}", None
+        return (
+            f"unknown key here; `{key}` belongs under {_join_quoted(list(elsewhere), ' or ')}",
+            None,
+        )
+    if (closest := find_closest_name(key, siblings)) is not None:
+        return "unknown key", closest
+    distant = find_closest_name(key, [name for _, name in _list_keys(model)], cutoff=0.8)
+    if distant is not None:
+        where = next(where for where, name in _list_keys(model) if name == distant)
+        return "unknown key", f"{where}.{distant}" if where else distant
+    return f"unknown key; expected one of {_join_quoted(siblings)}", None
 
 
-def nearest(word: str, words: list[str], cutoff: float = 0.6) -> str | None:
-    """The word of `words` that `word` is most likely a slip of."""
-    if len(word) > 64:  # no slip, and matching would be slow
+def find_closest_name(typed: str, candidates: list[str], cutoff: float = 0.6) -> str | None:
+    """Return the word of `words` that `word` is most likely a slip of."""
+    if len(typed) > 64:  # no slip, and matching would be slow
         return None
-    plain = word.lower().replace("-", "_").replace(" ", "_")
-    for candidate in words:
+    normalised = typed.lower().replace("-", "_").replace(" ", "_")
+    for candidate in candidates:
         stem = candidate.lower().replace("-", "_")
-        if plain == stem or stem.startswith(f"{plain}_") or plain.startswith(f"{stem}_"):
+        if (
+            normalised == stem
+            or stem.startswith(f"{normalised}_")
+            or normalised.startswith(f"{stem}_")
+        ):
             return candidate
-    by_plain = {w.lower(): w for w in words}
-    near = difflib.get_close_matches(plain, list(by_plain), n=1, cutoff=cutoff)
-    return by_plain[near[0]] if near else None
+    by_lowercase = {w.lower(): w for w in candidates}
+    matches = difflib.get_close_matches(normalised, list(by_lowercase), n=1, cutoff=cutoff)
+    return by_lowercase[matches[0]] if matches else None
 
 
-def _all_keys(model: type[SpecModel], where: str = "") -> Iterator[tuple[str, str]]:
-    """Every (parent, key) of a model, parents as `terrain.regions[]`."""
+def _list_keys(model: type[SpecModel], where: str = "") -> Iterator[tuple[str, str]]:
+    """Yield every (parent, key) of a model, parents as `terrain.regions[]`."""
     for name, field in model.model_fields.items():
         yield where, name
-        slot, place = _slot_of(field), f"{where}.{name}" if where else name
+        slot, place = _build_slot(field), f"{where}.{name}" if where else name
         if get_origin(slot.type) in (tuple, dict) and (element := slot.child(0)) is not None:
             slot, place = element, f"{place}[]"
         if slot.model is not None:
-            yield from _all_keys(slot.model, place)
+            yield from _list_keys(slot.model, place)
 
 
-def _slot_of(field: FieldInfo) -> Slot:
-    bare, bounds = _stripped(field.annotation)
+def _build_slot(field: FieldInfo) -> Slot:
+    inner_type, bounds = _strip_annotation(field.annotation)
     extra = field.json_schema_extra
     unit = str(extra.get("unit", "")) if isinstance(extra, dict) else ""
     meaning = (field.description or "").removesuffix(f" [{unit}]").rstrip(".").replace("\n", " ")
     return replace(
-        Slot(bare),
+        Slot(inner_type),
         bounds=(*field.metadata, *bounds),
         unit=unit,
         meaning=meaning,
-        or_text=_or_model(field.annotation, str),
-        or_number=_or_model(field.annotation, float),
-        or_words=_words(field.annotation),
+        or_text=_is_union_with_model(field.annotation, str),
+        or_number=_is_union_with_model(field.annotation, float),
+        or_words=_extract_literals(field.annotation),
     )
 
 
-def _or_model(annotation: Any, plain: type) -> bool:
-    """Whether an annotation is a union of a plain type and a mapping with fixed keys."""
+def _is_union_with_model(annotation: Any, simple_type: type) -> bool:
+    """Return whether an annotation is a union of a plain type and a mapping with fixed keys."""
     while get_origin(annotation) is Annotated:
         annotation = get_args(annotation)[0]
     if get_origin(annotation) not in (Union, types.UnionType):
         return False
-    kinds = [_stripped(a)[0] for a in get_args(annotation)]
-    return plain in kinds and any(_is_model(kind) for kind in kinds)
+    kinds = [_strip_annotation(a)[0] for a in get_args(annotation)]
+    return simple_type in kinds and any(_is_model(kind) for kind in kinds)
 
 
-def _words(annotation: Any) -> tuple[str, ...]:
-    """Words that may stand instead of the other kind of a union."""
+def _extract_literals(annotation: Any) -> tuple[str, ...]:
+    """Return words that may stand instead of the other kind of a union."""
     while get_origin(annotation) is Annotated:
         annotation = get_args(annotation)[0]
     if get_origin(annotation) not in (Union, types.UnionType):
         return ()
     literals = [a for a in get_args(annotation) if get_origin(a) is Literal]
-    return tuple(str(word) for literal in literals for word in get_args(literal))
+    return tuple(str(choice) for literal in literals for choice in get_args(literal))
 
 
 def _is_model(kind: Any) -> bool:
     return isinstance(kind, type) and issubclass(kind, SpecModel)
 
 
-def _stripped(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
-    """An annotation without `Annotated` and `| None`, and what was annotated."""
+def _strip_annotation(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
+    """Return an annotation without `Annotated` and `| None`, and what was annotated."""
     bounds: tuple[Any, ...] = ()
     while True:
         origin, arguments = get_origin(annotation), get_args(annotation)
@@ -216,13 +231,13 @@ def _stripped(annotation: Any) -> tuple[Any, tuple[Any, ...]]:
             annotation, bounds = arguments[0], (*bounds, *arguments[1:])
         elif origin in (Union, types.UnionType) and type(None) in arguments:
             annotation = next(a for a in arguments if a is not type(None))
-        elif origin in (Union, types.UnionType) and _words(annotation):
+        elif origin in (Union, types.UnionType) and _extract_literals(annotation):
             annotation = next(a for a in arguments if get_origin(a) is not Literal)
-        elif _or_model(annotation, str) or _or_model(annotation, float):
-            annotation = next(a for a in arguments if _is_model(_stripped(a)[0]))
+        elif _is_union_with_model(annotation, str) or _is_union_with_model(annotation, float):
+            annotation = next(a for a in arguments if _is_model(_strip_annotation(a)[0]))
         else:
             return annotation, bounds
 
 
-def _listed(words: list[str], joint: str = ", ") -> str:
-    return joint.join(f"`{word}`" for word in words)
+def _join_quoted(names: list[str], separator: str = ", ") -> str:
+    return separator.join(f"`{name}`" for name in names)

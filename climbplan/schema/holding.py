@@ -1,4 +1,4 @@
-"""A plan's spec beside the one that its user wrote, key by key.
+"""Compare the spec that a plan carries with the one that its user wrote, key by key.
 
 A plan may be held against another spec than the one that it carries. Then every key counts, except
 those that say how a plan came about and not what it has to do (seed, method), and those that the
@@ -20,7 +20,7 @@ from climbplan.schema.base import SpecModel
 from climbplan.schema.kinds import KINDS, validate
 from climbplan.schema.loaded import LoadedSpec
 from climbplan.schema.robots.source import AnyRobot
-from climbplan.schema.wording import shown
+from climbplan.schema.wording import format_value
 from climbplan.schema.yaml_source import parse_yaml, write_yaml
 
 Role = Literal["how", "chosen", "judged", "held"]
@@ -35,10 +35,10 @@ class Rules:
     chosen: tuple[str, ...] = ()  # the planner's choice where a spec leaves them out
 
     def role(self, key: str, written: bool) -> Role:
-        """What a key is; written: whether the user's spec has it. Longer entries come first."""
-        if not written and _below(key, self.chosen):
+        """Return what a key is; written: whether the user's spec has it. Longer entries come first."""
+        if not written and _match_length(key, self.chosen):
             return "chosen"
-        how, judged = _below(key, self.how), _below(key, self.judged)
+        how, judged = _match_length(key, self.how), _match_length(key, self.judged)
         if max(how, judged) == 0:
             return "held"
         return "how" if how > judged else "judged"
@@ -53,10 +53,10 @@ _MOTION_JUDGED = (
     "posture.body_clearance",
     "force.safety_friction",
     "force.safety_torque",
-    "force.least_pressure",
-    "force.least_depth",
-    "force.sag",
-    "trajectory.lift",
+    "force.min_normal_force",
+    "force.min_penetration",
+    "force.deflection_compensation",
+    "trajectory.swing_clearance",
     "trajectory.rate",
 )
 _HOW = ("seed", "title", "solver")
@@ -66,7 +66,7 @@ RULES = {
     "climb": Rules(
         how=(*_HOW, "study"),
         judged=(*_MOTION_JUDGED, "gripper"),
-        chosen=("task.rounds", "task.gait", *_GOAL_ANGLES, "trajectory.lift"),
+        chosen=("task.rounds", "task.gait", *_GOAL_ANGLES, "trajectory.swing_clearance"),
     ),
     "transition": Rules(
         how=(*_HOW, "search"),
@@ -77,11 +77,13 @@ RULES = {
             "climb.rounds",
             "climb.gait",
             "climb.goal.rpy_deg",
-            "trajectory.lift",
+            "trajectory.swing_clearance",
         ),
     ),
     "mpc": Rules(how=(*_HOW, "library"), judged=("robot", "terrain", "task", "weights")),
-    "limms": Rules(how=_HOW, judged=("robot", "box", "boxes", "parked", "modules", "terrain")),
+    "limms": Rules(
+        how=_HOW, judged=("robot", "box", "boxes", "static_boxes", "modules", "terrain")
+    ),
     "bookshelf": Rules(
         how=_HOW,
         judged=("shelf", "scene", "scenes", "meaning", "solver.gap", "solver.gap_mm2"),
@@ -102,16 +104,16 @@ class KeyDifference:
     role: Role
 
     def __str__(self) -> str:
-        told = {
+        role_note = {
             "how": " (how the plan came about)",
             "chosen": " (left out: the planner's choice)",
             "judged": "",
             "held": "",
         }[self.role]
-        return f"{self.key}: plan's spec {_value(self.plan)}, yours {_value(self.own)}{told}"
+        return f"{self.key}: plan's spec {_format_value(self.plan)}, yours {_format_value(self.own)}{role_note}"
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {"key": self.key, "plan": self.plan, "spec": self.own, "role": self.role}
 
 
@@ -136,8 +138,8 @@ class HeldSpec:
         return tuple(d for d in self.differences if d.role == "held")
 
 
-def held_spec(loaded: LoadedSpec, spec: SpecModel, plan_text: str) -> HeldSpec:
-    """The user's loaded spec beside the text that a plan carries.
+def compare_specs(loaded: LoadedSpec, spec: SpecModel, plan_text: str) -> HeldSpec:
+    """Return the user's loaded spec beside the text that a plan carries.
 
     spec: its model. A plan's text that is no spec of the kind differs in `kind`.
     """
@@ -145,18 +147,23 @@ def held_spec(loaded: LoadedSpec, spec: SpecModel, plan_text: str) -> HeldSpec:
     rules = RULES[kind]
     written = copy.deepcopy(loaded.document.value)
     differences: list[KeyDifference] = []
-    stored = _stored(plan_text, kind)
+    stored = _parse_stored(plan_text, kind)
     if stored is None:
         differences.append(KeyDifference("kind", "no such spec", kind, "held"))
     else:
-        own = spec.model_dump(mode="json")
-        for key, one, other in _apart("", stored.model_dump(mode="json"), own):
+        user_values = spec.model_dump(mode="json")
+        for key, plan_value, user_value in _find_differences(
+            "", stored.model_dump(mode="json"), user_values
+        ):
             together = _GOAL_ANGLES if key in _GOAL_ANGLES else (key,)
-            stated = any(_has(loaded.document.value, name) for name in together) and other != OPEN
+            stated = (
+                any(_has_key(loaded.document.value, name) for name in together)
+                and user_value != OPEN
+            )
             role = rules.role(key, stated)
-            differences.append(KeyDifference(key, one, other, role))
+            differences.append(KeyDifference(key, plan_value, user_value, role))
             if role in ("how", "chosen"):
-                _put(written, key, one)
+                _set_value(written, key, plan_value)
     return HeldSpec(
         source=loaded.source,
         sha256=loaded.sha256,
@@ -172,32 +179,32 @@ def held_spec(loaded: LoadedSpec, spec: SpecModel, plan_text: str) -> HeldSpec:
     )
 
 
-def _stored(text: str, kind: str) -> SpecModel | None:
+def _parse_stored(text: str, kind: str) -> SpecModel | None:
     try:
         return validate(parse_yaml(text, "spec"), KINDS[kind].model)[0]
     except SpecError:
         return None
 
 
-def _apart(key: str, stored: Any, own: Any) -> Iterator[tuple[str, Any, Any]]:
-    """Keys whose values differ; of lists whole ones if their lengths do."""
-    if isinstance(stored, Mapping) and isinstance(own, Mapping):
-        for name in dict.fromkeys([*stored, *own]):
+def _find_differences(key: str, stored: Any, user: Any) -> Iterator[tuple[str, Any, Any]]:
+    """Yield keys whose values differ; a list counts as a whole where its length differs."""
+    if isinstance(stored, Mapping) and isinstance(user, Mapping):
+        for name in dict.fromkeys([*stored, *user]):
             below = f"{key}.{name}" if key else str(name)
-            yield from _apart(below, stored.get(name), own.get(name))
-    elif _has_parts(stored) and _has_parts(own) and len(stored) == len(own):
-        for number, (one, other) in enumerate(zip(stored, own, strict=True)):
-            yield from _apart(f"{key}.{number}", one, other)
-    elif stored != own:
-        yield key, stored, own
+            yield from _find_differences(below, stored.get(name), user.get(name))
+    elif _has_parts(stored) and _has_parts(user) and len(stored) == len(user):
+        for number, (stored_entry, user_entry) in enumerate(zip(stored, user, strict=True)):
+            yield from _find_differences(f"{key}.{number}", stored_entry, user_entry)
+    elif stored != user:
+        yield key, stored, user
 
 
 def _has_parts(value: Any) -> bool:
     return isinstance(value, list) and any(isinstance(entry, dict) for entry in value)
 
 
-def _has(value: Any, key: str) -> bool:
-    """Whether a document says something at a key or on the way to it."""
+def _has_key(value: Any, key: str) -> bool:
+    """Return whether a document says something at a key or on the way to it."""
     for name in key.split("."):
         if isinstance(value, list):
             return True
@@ -209,10 +216,10 @@ def _has(value: Any, key: str) -> bool:
     return True
 
 
-def _put(value: dict[str, Any], key: str, new: Any) -> None:
+def _set_value(value: dict[str, Any], key: str, new: Any) -> None:
     """Write a value, or take the key away where there is none."""
-    *way, last = key.split(".")
-    for name in way:
+    *parents, last = key.split(".")
+    for name in parents:
         if not isinstance(value.get(name), dict):
             value[name] = {}
         value = value[name]
@@ -222,10 +229,10 @@ def _put(value: dict[str, Any], key: str, new: Any) -> None:
         value[last] = new
 
 
-def _below(key: str, entries: tuple[str, ...]) -> int:
-    """Length of the longest entry that stands for a key, 0 for none."""
+def _match_length(key: str, entries: tuple[str, ...]) -> int:
+    """Return length of the longest entry that stands for a key, 0 for none."""
     return max((len(e) for e in entries if key == e or key.startswith(f"{e}.")), default=0)
 
 
-def _value(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else shown(value)
+def _format_value(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else format_value(value)

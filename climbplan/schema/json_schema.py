@@ -5,21 +5,21 @@ from __future__ import annotations
 from typing import Any
 
 from climbplan.errors import UsageError
-from climbplan.schema.fields import nearest
+from climbplan.schema.fields import find_closest_name
 from climbplan.schema.kinds import KINDS
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schema(kind: str) -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of one kind; each property has its meaning and unit.
+    """Return JSON Schema (draft 2020-12) of one kind; each property has its meaning and unit.
 
     Raises:
         UsageError: there is no such kind.
     """
     if kind not in KINDS:
-        near = nearest(kind, list(KINDS))
-        hint = f" (did you mean {near!r}?)" if near else ""
+        closest = find_closest_name(kind, list(KINDS))
+        hint = f" (did you mean {closest!r}?)" if closest else ""
         raise UsageError(f"no spec kind {kind!r}, known are {', '.join(KINDS)}{hint}")
     body = KINDS[kind].model.model_json_schema()
     body["required"] = list(dict.fromkeys(["kind", *body.get("required", [])]))
@@ -31,8 +31,8 @@ def json_schema(kind: str) -> dict[str, Any]:
     }
 
 
-def all_schemas() -> dict[str, Any]:
-    """One JSON Schema that accepts every kind and tells them apart by `kind`."""
+def build_all_schemas() -> dict[str, Any]:
+    """Return one JSON Schema that accepts every kind and tells them apart by `kind`."""
     return {
         "$schema": DIALECT,
         "$id": "urn:climbplan:spec",

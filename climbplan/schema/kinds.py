@@ -48,41 +48,51 @@ _CLIMB, _WALKING = "climb.schema", "walking.schema"
 _SHELF, _LIMMS = "bookshelf.schema", "limms.schema"
 KINDS = {
     "climb": _build_kind(_CLIMB, "model:ClimbSpec", "loading:build_climb"),
-    "transition": _build_kind(_CLIMB, "transition:TransitionSpec", "transition_loading:build_transition"),
+    "transition": _build_kind(
+        _CLIMB, "transition:TransitionSpec", "transition_loading:build_transition"
+    ),
     "mpc": _build_kind(_WALKING, "model:MpcSpec", "loading:validate_mpc"),
     "bookshelf": _build_kind(_SHELF, "model:BookshelfSpec", "loading:shelf_of_document"),
-    "envelopes": _build_kind(_CLIMB, "envelopes:EnvelopesSpec", "envelopes_loading:build_envelopes"),
-    "program": _build_kind("schema.program", "model:ProgramSpec", "loading:program_of"),
+    "envelopes": _build_kind(
+        _CLIMB, "envelopes:EnvelopesSpec", "envelopes_loading:build_envelopes"
+    ),
+    "program": _build_kind("schema.program", "model:ProgramSpec", "loading:build_program"),
     "dataset": _build_kind("datasets.schema", "model:DatasetSpec", "loading:dataset_of"),
-    "strategy": _build_kind("schema.learning", "strategy:StrategySpec", "strategy_loading:strategy_of"),
+    "strategy": _build_kind(
+        "schema.learning", "strategy:StrategySpec", "strategy_loading:build_strategy"
+    ),
     "limms": _build_kind(_LIMMS, "model:LimmsSpec", "loading:limms_of"),
-    "robot": _build_kind("schema.robots", "robot:RobotSpec", "source:robot_of_text"),
+    "robot": _build_kind("schema.robots", "robot:RobotSpec", "source:build_robot_from_text"),
     "module": _build_kind(_LIMMS, "module:ModuleSpec", "loading:module_of_text"),
 }
 
 Model = TypeVar("Model", bound=SpecModel)
 
 
-def find_kind(document: Document, wanted: str | None = None) -> str | Finding:
+def find_kind(document: Document, expected_kind: str | None = None) -> str | Finding:
     """Return the kind of a document, or what is wrong with its `kind`.
 
     Raises:
-        SpecError: it is not a mapping at all, or a spec of another kind than `wanted`; what else
+        SpecError: it is not a mapping at all, or a spec of another kind than `expected_kind`; what else
             it holds need not be looked at then.
     """
     kind_names = ", ".join(f"`{kind}`" for kind in KINDS)
-    example = f"kind: {wanted or 'climb'}"
+    example = f"kind: {expected_kind or 'climb'}"
     if not isinstance(document.value, dict):
-        expected = f"expected keys and values, the first `{example}`, got {format_value(document.value)}"
+        expected = (
+            f"expected keys and values, the first `{example}`, got {format_value(document.value)}"
+        )
         raise SpecError(document.source, [document.mistake(Finding((), expected))])
     if "kind" not in document.value:
         return Finding(("kind",), f"missing, expected `{example}` (known kinds: {kind_names})")
     kind = document.value["kind"]
     if not isinstance(kind, str) or kind not in KINDS:
         closest = find_closest_name(kind, list(KINDS)) if isinstance(kind, str) else None
-        return Finding(("kind",), f"expected one of {kind_names}, got {format_value(kind)}", closest)
-    if wanted is not None and kind != wanted:
-        message = f"expected a spec of kind `{wanted}`, got a `{kind}`"
+        return Finding(
+            ("kind",), f"expected one of {kind_names}, got {format_value(kind)}", closest
+        )
+    if expected_kind is not None and kind != expected_kind:
+        message = f"expected a spec of kind `{expected_kind}`, got a `{kind}`"
         raise SpecError(document.source, [document.mistake(Finding(("kind",), message))])
     return kind
 
@@ -107,12 +117,13 @@ def validate(document: Document, model: type[Model]) -> tuple[Model | None, list
 def validate_kind(
     document: Document, kind: str, model: type[Model]
 ) -> tuple[Model | None, list[Finding]]:
-    """As `validate`, of a document that has to be of a kind.
+    """Return the document as `model`, or every mistake in it, of a document that has to be of a
+    kind.
 
     Raises:
         SpecError: as `find_kind`.
     """
-    kind_or_finding = find_kind(document, wanted=kind)
+    kind_or_finding = find_kind(document, expected_kind=kind)
     kind_findings = [kind_or_finding] if isinstance(kind_or_finding, Finding) else []
     spec, findings = validate(document, model)
     return spec, [*kind_findings, *(finding for finding in findings if finding.path != ("kind",))]

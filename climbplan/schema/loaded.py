@@ -26,12 +26,12 @@ class LoadedSpec:
     document: Document = field(repr=False, compare=False)  # where each value was written
 
     def placed(self, error: SpecError) -> SpecError:
-        """An error that planning raised, with the lines of the keys it names."""
+        """Return an error that planning raised, with the lines of the keys it names."""
         return SpecError(error.source, [self.document.placed(m) for m in error.mistakes])
 
 
-def origin_of(document: Document, text: SourceText) -> dict[str, Any]:
-    """The fields of `LoadedSpec`, by name."""
+def describe_origin(document: Document, text: SourceText) -> dict[str, Any]:
+    """Return the fields of `LoadedSpec`, by name."""
     return {
         "text": document.text,
         "sha256": hashlib.sha256(document.text.encode()).hexdigest(),
@@ -42,7 +42,7 @@ def origin_of(document: Document, text: SourceText) -> dict[str, Any]:
     }
 
 
-def root_paths(document: Document, paths: Sequence[KeyPath]) -> None:
+def resolve_option_paths(document: Document, paths: Sequence[KeyPath]) -> None:
     """Write paths that command options set in full."""
     changed = False
     for path in paths:
@@ -50,10 +50,10 @@ def root_paths(document: Document, paths: Sequence[KeyPath]) -> None:
         for key in path[:-1]:
             holder = holder.get(key) if isinstance(holder, dict) else None
         value = holder.get(path[-1]) if isinstance(holder, dict) else None
-        if isinstance(value, str) and value and _by_option(document, path):
+        if isinstance(value, str) and value and _is_set_by_option(document, path):
             holder[path[-1]] = str(Path.cwd() / value)
             changed = True
-        elif isinstance(value, list) and _by_option(document, path):
+        elif isinstance(value, list) and _is_set_by_option(document, path):
             several = [isinstance(entry, str) and entry != "" for entry in value]
             pairs = zip(value, several, strict=True)
             holder[path[-1]] = [str(Path.cwd() / v) if text else v for v, text in pairs]
@@ -62,8 +62,8 @@ def root_paths(document: Document, paths: Sequence[KeyPath]) -> None:
         document.text = write_yaml(document.value)
 
 
-def _by_option(document: Document, path: KeyPath) -> bool:
-    """Whether a command option set the value at `path`, rather than the file."""
+def _is_set_by_option(document: Document, path: KeyPath) -> bool:
+    """Return whether a command option set the value at `path`, rather than the file."""
     for length in range(len(path), 0, -1):
         if path[:length] in document.options:
             return True

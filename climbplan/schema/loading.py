@@ -33,7 +33,7 @@ def load_spec(source: str | Path, overrides: Sequence[str | Override] = ()) -> A
 
 
 def load_source(text: SourceText, overrides: Sequence[str | Override] = ()) -> AnyLoaded:
-    """As `load_spec`, of a text that was read already."""
+    """Override and check a spec of any kind whose text was read already."""
     document = apply_overrides(parse_yaml(text.text, text.shown), overrides)
     kind = find_kind(document)
     if isinstance(kind, Finding):

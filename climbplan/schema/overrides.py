@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, Self
 
 from climbplan.errors import SpecError, SpecMistake
-from climbplan.schema.document import Document, Finding, KeyPath, dotted
-from climbplan.schema.wording import shown
+from climbplan.schema.document import Document, Finding, KeyPath, format_key_path
+from climbplan.schema.renamed_keys import renamed_override, warn_of_renamed
+from climbplan.schema.wording import format_value
 from climbplan.schema.yaml_source import DEEPEST, parse_yaml, write_yaml
 
 
@@ -25,12 +26,12 @@ class Override:
 
     @classmethod
     def of(cls, key: str, data: Any, option: str) -> Self:
-        """A value found by the program, which need not be written and read as YAML."""
+        """Return a value found by the program, which need not be written and read as YAML."""
         return cls(key, "", option, data=data)
 
     @classmethod
     def parse(cls, text: str) -> Self:
-        """`task.rounds=3` as given to `--set`.
+        """Parse an argument of `--set`, such as `task.rounds=3`.
 
         Raises:
             SpecError: there is no `=`, or a part of the key is empty.
@@ -38,32 +39,34 @@ class Override:
         option = f"--set {text if len(text) <= 60 else text[:57] + '...'}"
         key, equals, value = text.partition("=")
         if not equals:
-            raise _refusal(option, "expected dotted.key=value, such as task.rounds=6")
+            raise _build_error(option, "expected dotted.key=value, such as task.rounds=6")
         if not all(key.strip().split(".")):
-            raise _refusal(option, "expected a key such as task.rounds before the `=`")
+            raise _build_error(option, "expected a key such as task.rounds before the `=`")
         if key.count(".") >= DEEPEST:
-            raise _refusal(option, f"a key has at most {DEEPEST} parts")
+            raise _build_error(option, f"a key has at most {DEEPEST} parts")
         return cls(key.strip(), value, option)
 
 
 def apply_overrides(document: Document, overrides: Sequence[str | Override]) -> Document:
-    """A document with the overrides applied in order and its text written anew.
+    """Return a document with the overrides applied in order and its text written anew.
 
     Missing mappings on the way are created; which keys are allowed is left to the model. An
     override that is malformed, or leads through a value that has no keys, becomes a finding.
     Without overrides it is the same document, text untouched.
     """
     if not overrides:
+        warn_of_renamed(document)
         return document
     result = copy.deepcopy(document)
-    for given in overrides:
+    for override in overrides:
         try:
-            _apply(result, Override.parse(given) if isinstance(given, str) else given)
+            _apply(result, Override.parse(override) if isinstance(override, str) else override)
         except SpecError as error:
             result.findings += [
                 Finding((), m.message, m.suggestion, option=error.source) for m in error.mistakes
             ]
     result.text = write_yaml(result.value)
+    warn_of_renamed(result)
     return result
 
 
@@ -72,14 +75,19 @@ def _apply(document: Document, override: Override) -> None:
         parsed = parse_yaml(override.value, override.option)
     else:
         parsed = Document(override.option, "", copy.deepcopy(override.data))
-    segments = override.key.split(".")
+    key = renamed_override(document, override.key)
+    segments = key.split(".")
     holder: Any = document.value
     path: KeyPath = ()
+    if key != override.key:
+        document.renamed.append((override.key, tuple(segments)))
     for i, segment in enumerate(segments):
-        slot = _slot(holder, path, segment, override)
+        slot = _resolve_segment(holder, path, segment, override)
         path = (*path, slot)
         if i == len(segments) - 1:
-            if isinstance(holder, dict) and _stays(holder.get(slot), parsed.value, override.bound):
+            if isinstance(holder, dict) and _satisfies_bound(
+                holder.get(slot), parsed.value, override.bound
+            ):
                 return
             _forget(document, path)
             holder[slot] = parsed.value
@@ -94,26 +102,31 @@ def _apply(document: Document, override: Override) -> None:
     ]
 
 
-def _slot(holder: Any, path: KeyPath, segment: str, override: Override) -> str | int:
-    """The key or index in `holder` that `segment` stands for."""
+def _resolve_segment(holder: Any, path: KeyPath, segment: str, override: Override) -> str | int:
+    """Return the key or index in `holder` that `segment` stands for."""
     if isinstance(holder, dict):
         return segment
     if isinstance(holder, list):
         if segment.isdecimal() and int(segment[:9]) < len(holder):
             return int(segment)
         entries = f"0 to {len(holder) - 1}" if holder else "none, it is empty"
-        raise _refusal(
-            override.option, f"{segment!r} is not an entry of the list `{dotted(path)}` ({entries})"
+        raise _build_error(
+            override.option,
+            f"{segment!r} is not an entry of the list `{format_key_path(path)}` ({entries})",
         )
-    place = f"`{dotted(path)}` is {shown(holder)}" if path else f"the spec is {shown(holder)}"
-    raise _refusal(override.option, f"{place}, it has no key {segment!r}")
+    place = (
+        f"`{format_key_path(path)}` is {format_value(holder)}"
+        if path
+        else f"the spec is {format_value(holder)}"
+    )
+    raise _build_error(override.option, f"{place}, it has no key {segment!r}")
 
 
-def _stays(given: Any, limit: Any, bound: Literal["least", "most"] | None) -> bool:
-    """Whether the file's own value already goes further than an override that is a bound."""
-    if bound is None or isinstance(given, bool) or not isinstance(given, int | float):
+def _satisfies_bound(file_value: Any, limit: Any, bound: Literal["least", "most"] | None) -> bool:
+    """Return whether the file's own value already goes further than an override that is a bound."""
+    if bound is None or isinstance(file_value, bool) or not isinstance(file_value, int | float):
         return False
-    return bool(given >= limit if bound == "least" else given <= limit)
+    return bool(file_value >= limit if bound == "least" else file_value <= limit)
 
 
 def _forget(document: Document, path: KeyPath) -> None:
@@ -124,5 +137,5 @@ def _forget(document: Document, path: KeyPath) -> None:
     document.findings = [f for f in document.findings if f.path[:depth] != path]
 
 
-def _refusal(option: str, message: str) -> SpecError:
+def _build_error(option: str, message: str) -> SpecError:
     return SpecError(option, [SpecMistake("", message)])

@@ -1,4 +1,4 @@
-"""The text of a spec file, or a clear word on why there is none."""
+"""Read the text of a spec file, or explain why there is none."""
 
 from __future__ import annotations
 
@@ -32,73 +32,75 @@ def read_source(source: str | Path) -> SourceText:
         SpecError: nothing is there, it is a directory, too large, empty, a plan, or not UTF-8.
     """
     if str(source) == "-":
-        content = _at_most(sys.stdin.buffer, "stdin")
-        return SourceText("stdin", "stdin", Path.cwd(), _decoded(content, "stdin"))
+        content = _read_bounded(sys.stdin.buffer, "stdin")
+        return SourceText("stdin", "stdin", Path.cwd(), _decode_text(content, "stdin"))
     path = Path(source)
-    shown = str(path)
+    label = str(path)
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
-            raise _refusal(shown, "a directory, expected a YAML file")
+            raise _build_error(label, "a directory, expected a YAML file")
         if status.st_size > LARGEST_SPEC:
-            raise _too_large(shown, status.st_size)
+            raise _report_size(label, status.st_size)
         with path.open("rb") as stream:
-            content = _at_most(stream, shown)
+            content = _read_bounded(stream, label)
     except FileNotFoundError:
-        raise _missing(path) from None
+        raise _report_missing(path) from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the name
         reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise _refusal(shown, f"cannot be read: {reason}") from error
-    return SourceText(shown, path.stem, path.resolve().parent, _decoded(content, shown))
+        raise _build_error(label, f"cannot be read: {reason}") from error
+    return SourceText(label, path.stem, path.resolve().parent, _decode_text(content, label))
 
 
-def _refusal(
-    shown: str, message: str, line: int | None = None, suggestion: str | None = None
+def _build_error(
+    label: str, message: str, line: int | None = None, suggestion: str | None = None
 ) -> SpecError:
-    return SpecError(shown, [SpecMistake("", message, line, suggestion)])
+    return SpecError(label, [SpecMistake("", message, line, suggestion)])
 
 
-def _missing(path: Path) -> SpecError:
+def _report_missing(path: Path) -> SpecError:
     if not path.parent.is_dir():
-        return _refusal(str(path), f"no such file, and no directory {str(path.parent)!r}")
+        return _build_error(str(path), f"no such file, and no directory {str(path.parent)!r}")
     specs = {p.stem: p.name for p in path.parent.iterdir() if p.suffix in (".yaml", ".yml")}
-    near = difflib.get_close_matches(path.stem, list(specs), n=1)
-    suggestion = str(path.with_name(specs[near[0]])) if near else None
-    hint = "" if near else "; `climbplan new climb` writes an example"
-    return _refusal(str(path), f"no such file{hint}", suggestion=suggestion)
+    matches = difflib.get_close_matches(path.stem, list(specs), n=1)
+    suggestion = str(path.with_name(specs[matches[0]])) if matches else None
+    hint = "" if matches else "; `climbplan new climb` writes an example"
+    return _build_error(str(path), f"no such file{hint}", suggestion=suggestion)
 
 
-def _too_large(shown: str, size: int | None) -> SpecError:
+def _report_size(label: str, size: int | None) -> SpecError:
     how_large = f"{size / 1e6:.1f} MB" if size else f"more than {LARGEST_SPEC / 1e6:.0f} MB"
-    return _refusal(shown, f"too large: {how_large}, a spec has {LARGEST_SPEC / 1e6:.0f} at most")
+    return _build_error(
+        label, f"too large: {how_large}, a spec has {LARGEST_SPEC / 1e6:.0f} at most"
+    )
 
 
-def _at_most(stream: BinaryIO, shown: str) -> bytes:
+def _read_bounded(stream: BinaryIO, label: str) -> bytes:
     # Pipes and devices have no size beforehand: never read more than one byte past the limit.
     content = stream.read(LARGEST_SPEC + 1)
     if len(content) > LARGEST_SPEC:
-        raise _too_large(shown, None)
+        raise _report_size(label, None)
     return content
 
 
-def _decoded(content: bytes, shown: str) -> str:
+def _decode_text(content: bytes, label: str) -> str:
     if content.startswith(HDF5_SIGNATURE):
-        raise _refusal(
-            shown,
+        raise _build_error(
+            label,
             "a plan or data file (HDF5), expected a YAML spec; "
-            f"to check a plan: `climbplan verify {shown}`",
+            f"to check a plan: `climbplan verify {label}`",
         )
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         if b"\0" in content and not content.startswith((b"\xff\xfe", b"\xfe\xff")):
-            raise _refusal(shown, "a binary file, expected a YAML spec") from None
+            raise _build_error(label, "a binary file, expected a YAML spec") from None
         byte = content[error.start]
         message = f"not UTF-8 text: byte 0x{byte:02x}; save the file as UTF-8"
-        raise _refusal(shown, message, line) from None
+        raise _build_error(label, message, line) from None
     if "\0" in text:
-        raise _refusal(shown, "a binary file, expected a YAML spec")
+        raise _build_error(label, "a binary file, expected a YAML spec")
     if not text.strip():
-        raise _refusal(shown, "empty; `climbplan new climb` writes an example")
+        raise _build_error(label, "empty; `climbplan new climb` writes an example")
     return text

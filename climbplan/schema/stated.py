@@ -1,4 +1,4 @@
-"""What a spec states, as against what its defaults fill in.
+"""Tell keys that a spec states from those that its defaults fill in.
 
 A proof that no plan exists may rest on what the user asked for only. Robot, terrain and task mean
 what the documentation says, written out or not, but for what a task leaves to the planner. Bounds
@@ -14,8 +14,9 @@ from typing import Any
 from pydantic import BaseModel
 
 
-def stated(spec: object, key: str) -> bool:
-    """Whether the spec itself (or a `--set`) gives a dotted key, such as `posture.steps.com_max`.
+def is_stated(spec: object, key: str) -> bool:
+    """Return whether the spec itself (or a `--set`) gives a dotted key, such as
+    `posture.steps.com_max`.
 
     Lists count as a whole. Raises KeyError for a key that no spec of this kind has.
     """

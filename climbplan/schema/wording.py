@@ -1,4 +1,4 @@
-"""Validation errors of the models, said for people: what stands there and what was expected."""
+"""Turn validation errors of the models into messages: the value found and what was expected."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from climbplan.schema.fields import (
     NUMBER_TAG,
     Slot,
     explain_unknown_key,
-    nearest,
-    slot_at,
+    find_closest_name,
+    find_slot,
 )
 
 # Per SI unit of a field: how much of it one of the written unit is.
@@ -39,8 +39,8 @@ _FACTORS: dict[str, dict[str, float]] = {
 _NUMBER_AND_UNIT = re.compile(r"\s*([-+]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:e[-+]?\d+)?)\s*(.*?)\s*\Z")
 
 
-def meant_number(text: str, unit: str) -> float | None:
-    """The number in `unit` that `text` stands for; None if that is anybody's guess."""
+def parse_quantity(text: str, unit: str) -> float | None:
+    """Return the number in `unit` that `text` stands for; None if the unit is unknown."""
     match = _NUMBER_AND_UNIT.match(text.lower()) if len(text) <= 40 else None
     if match is None:
         return None
@@ -53,20 +53,20 @@ _TAGS = (FILE_TAG, MAPPING_TAG, NUMBER_TAG)
 MOST_FINDINGS = 200  # enough to mend a file by; beyond, it is no spec
 
 
-def findings_of(error: ValidationError, model: type[SpecModel]) -> list[Finding]:
-    """All mistakes that validating a spec as `model` found, once each."""
+def collect_findings(error: ValidationError, model: type[SpecModel]) -> list[Finding]:
+    """Return all mistakes that validating a spec as `model` found, once each."""
     findings: dict[KeyPath, Finding] = {}
     details = error.errors(include_url=False)
     for detail in details[:MOST_FINDINGS]:
         path: KeyPath = tuple(s for s in detail["loc"] if s not in _TAGS)
-        if detail["type"] == "too_short" and _inside(path, details):
+        if detail["type"] == "too_short" and _has_nested_mistake(path, details):
             continue  # entries that are wrong were not counted
         if detail["type"] == "spec":
             for fault in detail["ctx"]["faults"]:
-                below = (*path, *_segments(fault.key))
+                below = (*path, *_split_key(fault.key))
                 findings.setdefault(below, Finding(below, fault.message))
             continue
-        finding = _finding(path, detail["type"], detail["input"], model)
+        finding = _build_finding(path, detail["type"], detail["input"], model)
         findings.setdefault(finding.path, finding)
     if len(details) > MOST_FINDINGS:
         findings[()] = Finding((), f"and {len(details) - MOST_FINDINGS} more mistakes")
@@ -75,50 +75,50 @@ def findings_of(error: ValidationError, model: type[SpecModel]) -> list[Finding]
     return [f for f in findings.values() if f.path not in meant]
 
 
-def _inside(path: KeyPath, details: list[Any]) -> bool:
-    """Whether there is a mistake below `path`."""
+def _has_nested_mistake(path: KeyPath, details: list[Any]) -> bool:
+    """Return whether there is a mistake below `path`."""
     return any(len(d["loc"]) > len(path) and d["loc"][: len(path)] == path for d in details)
 
 
-def _finding(path: KeyPath, kind: str, given: Any, model: type[SpecModel]) -> Finding:
+def _build_finding(path: KeyPath, kind: str, value: Any, model: type[SpecModel]) -> Finding:
     if kind == "extra_forbidden":
         message, suggestion = explain_unknown_key(model, path)
         return Finding(path, message, suggestion)
-    slot = slot_at(model, path)
+    slot = find_slot(model, path)
     if kind == "missing":
         if isinstance(path[-1], int):  # a list that is too short
-            parent = slot_at(model, path[:-1])
-            return Finding(path[:-1], _mismatch(parent, given))
+            parent = find_slot(model, path[:-1])
+            return Finding(path[:-1], _describe_mismatch(parent, value))
         meaning = f": {slot.meaning}" if slot is not None and slot.meaning else ""
         expected = slot.expected() if slot is not None else "a value"
         return Finding(path, f"missing, expected {expected}{meaning}")
     suggestion = None
-    if slot is not None and slot.choices and isinstance(given, str):
-        suggestion = nearest(given, list(slot.choices))
-    return Finding(path, _mismatch(slot, given), suggestion)
+    if slot is not None and slot.choices and isinstance(value, str):
+        suggestion = find_closest_name(value, list(slot.choices))
+    return Finding(path, _describe_mismatch(slot, value), suggestion)
 
 
-def _mismatch(slot: Slot | None, given: Any) -> str:
+def _describe_mismatch(slot: Slot | None, value: Any) -> str:
     if slot is None:
-        return f"not expected here, got {shown(given)}"
-    return f"expected {slot.expected()}, got {shown(given)}{_remedy(slot, given)}"
+        return f"not expected here, got {format_value(value)}"
+    return f"expected {slot.expected()}, got {format_value(value)}{_suggest_remedy(slot, value)}"
 
 
-def _remedy(slot: Slot, given: Any) -> str:
-    if slot.is_number and isinstance(given, str):
-        number = meant_number(given, slot.unit)
+def _suggest_remedy(slot: Slot, value: Any) -> str:
+    if slot.is_number and isinstance(value, str):
+        number = parse_quantity(value, slot.unit)
         return "" if number is None else f" (write {number:.6g})"
-    if slot.is_number and isinstance(given, float | int) and abs(given) > LARGEST_NUMBER:
-        return f" (numbers end at {LARGEST_NUMBER:g})" if math.isfinite(given) else ""
-    if slot.type is str and isinstance(given, bool | int | float):
-        return f' (write "{shown(given)}" in quotes)'
-    if slot.type is str and given == "":
+    if slot.is_number and isinstance(value, float | int) and abs(value) > LARGEST_NUMBER:
+        return f" (numbers end at {LARGEST_NUMBER:g})" if math.isfinite(value) else ""
+    if slot.type is str and isinstance(value, bool | int | float):
+        return f' (write "{format_value(value)}" in quotes)'
+    if slot.type is str and value == "":
         return " (empty)"
     return ""
 
 
-def shown(value: Any) -> str:
-    """A YAML value as a person would recognise it, cut to one short line."""
+def format_value(value: Any) -> str:
+    """Return a YAML value as a person would recognise it, cut to one short line."""
     if value is None:
         return "nothing"
     if isinstance(value, str):
@@ -126,12 +126,12 @@ def shown(value: Any) -> str:
     if isinstance(value, dict):
         return f"a mapping with the keys {', '.join(value)}"[:80] if value else "an empty mapping"
     if isinstance(value, list):
-        text = f"[{', '.join(shown(item) for item in value[:40])}]"
+        text = f"[{', '.join(format_value(item) for item in value[:40])}]"
         return text if len(text) <= 80 else f"{text[:60]}... ({len(value)} entries)"
     if isinstance(value, float) and not math.isfinite(value):
         return f"{'-' if value < 0 else ''}.{'nan' if math.isnan(value) else 'inf'}"
     return json.dumps(value)
 
 
-def _segments(key: str) -> KeyPath:
+def _split_key(key: str) -> KeyPath:
     return tuple(int(s) if s.isdigit() else s for s in key.split(".")) if key else ()

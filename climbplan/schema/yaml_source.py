@@ -15,6 +15,7 @@ import yaml
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.document import Document, Finding, KeyPath
+from climbplan.schema.renamed_keys import rename_keys
 
 MOST_VALUES = 200_000  # after aliases and merges are expanded
 DEEPEST = 64  # levels of nesting
@@ -37,8 +38,8 @@ _PLAIN = {name: re.compile(pattern) for name, _, pattern in _SCALARS}
 _CONTROL = re.compile(r"[^\t\n\x20-\x7e\x80-\ud7ff\ue000-\U0010ffff]")
 
 
-def _resolvers() -> dict[str, list[tuple[str, re.Pattern[str]]]]:
-    """The tables of `_SCALARS` in the form that PyYAML looks them up: by first character."""
+def _build_resolvers() -> dict[str, list[tuple[str, re.Pattern[str]]]]:
+    """Return the tables of `_SCALARS` in the form that PyYAML looks them up: by first character."""
     table: dict[str, list[tuple[str, re.Pattern[str]]]] = {}
     for name, first_characters, pattern in _SCALARS:
         for first in first_characters:
@@ -56,7 +57,7 @@ class _TooMuch(yaml.YAMLError):
 class _Composer(yaml.SafeLoader):
     """Composes nodes only, to a bounded size and depth."""
 
-    yaml_implicit_resolvers = _resolvers()
+    yaml_implicit_resolvers = _build_resolvers()
 
     def __init__(self, text: str) -> None:
         super().__init__(text)
@@ -68,7 +69,7 @@ class _Composer(yaml.SafeLoader):
         self.composed += 1
         if self.depth > DEEPEST or self.composed > MOST_VALUES:
             mark: yaml.Mark = self.peek_event().start_mark  # type: ignore[no-untyped-call]
-            raise _too_deep(mark) if self.depth > DEEPEST else _too_many(mark)
+            raise _report_depth(mark) if self.depth > DEEPEST else _report_count(mark)
         try:
             return super().compose_node(parent, index)
         finally:
@@ -78,7 +79,7 @@ class _Composer(yaml.SafeLoader):
 class _Writer(yaml.SafeDumper):
     """Writes what `_Composer` reads back unchanged."""
 
-    yaml_implicit_resolvers = _resolvers()
+    yaml_implicit_resolvers = _build_resolvers()
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -109,12 +110,13 @@ def parse_yaml(text: str, source: str) -> Document:
             document.value = _Builder(document).value(node, ())
     except (yaml.YAMLError, ValueError, OverflowError) as error:
         # The last two escape from the scanner on escapes such as "\Uffffffff".
-        raise SpecError(source, [_syntax_mistake(error, text, line)]) from None
+        raise SpecError(source, [_describe_syntax_mistake(error, text, line)]) from None
+    rename_keys(document)
     return document
 
 
 def write_yaml(value: Any) -> str:
-    """YAML text that `parse_yaml` reads back as `value`; keys keep their order."""
+    """Return YAML text that `parse_yaml` reads back as `value`; keys keep their order."""
     text: str = yaml.dump(
         value,
         Dumper=_Writer,
@@ -146,15 +148,15 @@ class _Builder:
             return items
         if isinstance(node, yaml.ScalarNode):
             return self._scalar(node, kind, path)
-        self._find(path, f"the YAML tag {_shown_tag(node)} is not allowed in a spec")
+        self._find(path, f"the YAML tag {_format_tag(node)} is not allowed in a spec")
         return None
 
     def _visit(self, node: yaml.Node, depth: int, values: int = 1) -> None:
         self.count += values
         if self.count > MOST_VALUES:
-            raise _too_many(node.start_mark)
+            raise _report_count(node.start_mark)
         if depth > DEEPEST:
-            raise _too_deep(node.start_mark)
+            raise _report_depth(node.start_mark)
 
     def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
         result: dict[str, Any] = {}
@@ -166,7 +168,7 @@ class _Builder:
     def _entries(
         self, node: yaml.MappingNode, path: KeyPath, depth: int
     ) -> dict[str, tuple[yaml.Node, yaml.Node]]:
-        """The entries of a mapping; `<<: *base` adds those it does not state itself."""
+        """Return the entries of a mapping; `<<: *base` adds those it does not state itself."""
         self._visit(node, depth)
         entries: dict[str, tuple[yaml.Node, yaml.Node]] = {}
         bases: list[yaml.Node] = []
@@ -214,7 +216,7 @@ class _Builder:
                     return {"true": True, "false": False}[text.lower()]
                 case "int":
                     _require(kind, text)  # Python takes 1_000 and digits of other scripts
-                    value = int(text, _base(text))
+                    value = int(text, _detect_base(text))
                     if abs(value) <= sys.float_info.max:
                         return value
                     self._find(path, f"a number of {len(text)} digits, beyond what a double holds")
@@ -223,9 +225,9 @@ class _Builder:
                     _require("int" if _PLAIN["int"].fullmatch(text) else kind, text)
                     return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
         except (ValueError, KeyError):
-            self._find(path, f"{text[:40]!r} does not fit its YAML tag {_shown_tag(node)}")
+            self._find(path, f"{text[:40]!r} does not fit its YAML tag {_format_tag(node)}")
             return None
-        self._find(path, f"the YAML tag {_shown_tag(node)} is not allowed in a spec")
+        self._find(path, f"the YAML tag {_format_tag(node)} is not allowed in a spec")
         return None
 
     def _at(self, path: KeyPath, node: yaml.Node) -> None:
@@ -242,20 +244,20 @@ def _require(kind: str, text: str) -> None:
         raise ValueError(text)
 
 
-def _base(text: str) -> int:
+def _detect_base(text: str) -> int:
     return {"0o": 8, "0x": 16}.get(text[:2], 10)
 
 
-def _shown_tag(node: yaml.Node) -> str:
+def _format_tag(node: yaml.Node) -> str:
     tag: str = node.tag
     return tag.replace(_TAG, "!!")[:80]
 
 
-def _too_deep(mark: yaml.Mark) -> _TooMuch:
+def _report_depth(mark: yaml.Mark) -> _TooMuch:
     return _TooMuch(f"nested deeper than {DEEPEST} levels", mark)
 
 
-def _too_many(mark: yaml.Mark) -> _TooMuch:
+def _report_count(mark: yaml.Mark) -> _TooMuch:
     return _TooMuch(f"more than {MOST_VALUES} values once aliases are expanded", mark)
 
 
@@ -272,7 +274,7 @@ _HINTS = (
 )
 
 
-def _syntax_mistake(error: Exception, text: str, line: int | None) -> SpecMistake:
+def _describe_syntax_mistake(error: Exception, text: str, line: int | None) -> SpecMistake:
     if isinstance(error, _TooMuch):
         return SpecMistake("", error.message, error.mark.line + 1)
     if isinstance(error, yaml.MarkedYAMLError):

@@ -10,7 +10,7 @@ from climbplan.errors import SpecError
 from climbplan.schema.document import Document
 from climbplan.schema.kinds import validate_kind
 from climbplan.schema.learning.strategy import StrategySpec
-from climbplan.schema.loaded import LoadedSpec, origin_of, root_paths
+from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_paths
 from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.yaml_source import parse_yaml
@@ -35,17 +35,17 @@ def load_strategy(source: str | Path, overrides: Sequence[str | Override] = ()) 
         SpecError: with every mistake in spec and overrides.
     """
     text = read_source(source)
-    return strategy_of(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+    return build_strategy(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
 
 
-def strategy_of(document: Document, text: SourceText) -> LoadedStrategy:
-    """The strategy spec that a document describes.
+def build_strategy(document: Document, text: SourceText) -> LoadedStrategy:
+    """Return the strategy spec that a document describes.
 
     Raises:
         SpecError: with every mistake in it.
     """
-    root_paths(document, [("data", "files")])
+    resolve_option_paths(document, [("data", "files")])
     spec, findings = validate_kind(document, "strategy", StrategySpec)
     if spec is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
-    return LoadedStrategy(spec=spec, **origin_of(document, text))
+    return LoadedStrategy(spec=spec, **describe_origin(document, text))

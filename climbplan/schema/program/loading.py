@@ -9,7 +9,7 @@ from pathlib import Path
 from climbplan.errors import SpecError
 from climbplan.schema.document import Document
 from climbplan.schema.kinds import validate_kind
-from climbplan.schema.loaded import LoadedSpec, origin_of, root_paths
+from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_paths
 from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.program.model import ProgramSpec
 from climbplan.schema.source import SourceText, read_source
@@ -25,17 +25,17 @@ class LoadedProgram(LoadedSpec):
     @property
     def library(self) -> Path | None:
         """The plan file that candidates come from; set by an option, it starts where you are."""
-        given = self.spec.solver.library
-        if given is None:
+        reference = self.spec.solver.library
+        if reference is None:
             return None
-        here = ("solver", "library") in self.document.options
-        return Path(given) if here else self.directory / given
+        is_set_by_option = ("solver", "library") in self.document.options
+        return Path(reference) if is_set_by_option else self.directory / reference
 
     @property
     def model(self) -> Path | None:
         """The trained strategy; set by an option, it starts where you are."""
-        given = self.spec.solver.model
-        return None if given is None else self.directory / given.file
+        reference = self.spec.solver.model
+        return None if reference is None else self.directory / reference.file
 
 
 def load_program(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedProgram:
@@ -45,17 +45,17 @@ def load_program(source: str | Path, overrides: Sequence[str | Override] = ()) -
         SpecError: with every mistake in spec and overrides.
     """
     text = read_source(source)
-    return program_of(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+    return build_program(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
 
 
-def program_of(document: Document, text: SourceText) -> LoadedProgram:
-    """The program spec that a document describes.
+def build_program(document: Document, text: SourceText) -> LoadedProgram:
+    """Return the program spec that a document describes.
 
     Raises:
         SpecError: with every mistake in it.
     """
-    root_paths(document, [("solver", "model", "file")])
+    resolve_option_paths(document, [("solver", "model", "file")])
     spec, findings = validate_kind(document, "program", ProgramSpec)
     if spec is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
-    return LoadedProgram(spec=spec, **origin_of(document, text))
+    return LoadedProgram(spec=spec, **describe_origin(document, text))

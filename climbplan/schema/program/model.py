@@ -25,7 +25,7 @@ _NUMBERS = {
 _THETA = WithJsonSchema({"anyOf": [_NUMBERS, {"type": "array", "items": _NUMBERS}]})
 
 
-def _theta_faults(value: Any) -> Iterator[Fault]:
+def _find_theta_faults(value: Any) -> Iterator[Fault]:
     several = isinstance(value, list)
     entries = value if several else [value]
     if several and not entries:
@@ -36,13 +36,13 @@ def _theta_faults(value: Any) -> Iterator[Fault]:
             yield Fault(place, "expected a mapping from parameter to numbers")
             continue
         for name, numbers in entry.items():
-            if not _are_numbers(numbers, 0):
+            if not _is_numeric(numbers, 0):
                 yield Fault(f"{place}.{name}", "expected a number or (nested) lists of numbers")
 
 
-def _are_numbers(value: Any, depth: int) -> bool:
+def _is_numeric(value: Any, depth: int) -> bool:
     if isinstance(value, list):
-        return depth < _MOST_DEEP and all(_are_numbers(v, depth + 1) for v in value)
+        return depth < _MOST_DEEP and all(_is_numeric(v, depth + 1) for v in value)
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
@@ -191,7 +191,7 @@ class ProgramSpec(SpecModel):
         if self.theta is not None and self.sample is not None:
             faults.append(Fault("", "expected either `theta` or `sample`, got both"))
         if self.theta is not None:
-            faults += _theta_faults(self.theta)
+            faults += _find_theta_faults(self.theta)
         refuse(faults)
         return self
 

@@ -39,7 +39,7 @@ class FootSpec(SpecModel):
 
     @property
     def flat(self) -> bool:
-        """Whether the feet have soles."""
+        """Return whether the feet have soles."""
         return self.length is not None
 
     @model_validator(mode="after")

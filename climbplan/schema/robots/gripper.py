@@ -34,8 +34,8 @@ class GripperSpec(SpecModel):
     def _consistent(self) -> Self:
         faults = []
         if min(self.wrist_max_torque) <= 0:
-            got = list(self.wrist_max_torque)
-            faults.append(Fault("wrist_max_torque", f"expected three numbers > 0, got {got}"))
+            torques = list(self.wrist_max_torque)
+            faults.append(Fault("wrist_max_torque", f"expected three numbers > 0, got {torques}"))
         faults += [
             Fault("wrist_lower_deg", f"joint {j}: expected less than {high:g}, got {low:g}")
             for j, (low, high) in enumerate(

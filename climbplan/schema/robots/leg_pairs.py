@@ -8,8 +8,9 @@ from itertools import pairwise
 LEG_COUNTS = (4, 6, 8)
 
 
-def in_pairs(places: Sequence[Sequence[float]]) -> list[int] | None:
-    """The order of legs at places (x forward, y to the left, ...); None where they make no pairs.
+def order_in_pairs(places: Sequence[Sequence[float]]) -> list[int] | None:
+    """Return the order of legs at places (x forward, y to the left, ...); None where they make no
+    pairs.
 
     As many are on the left of their middle as on the right, and each pair is behind the one before.
     """

@@ -17,10 +17,10 @@ from climbplan.schema.robots.urdf.model import UrdfRobotSpec
 Model = TypeVar("Model", bound=SpecModel)
 
 
-def any_robot_of_document(
+def load_robot_of_document(
     document: Document, directory: Path, path: KeyPath = ("robot",)
 ) -> tuple[AnyRobot | None, list[SpecMistake]]:
-    """The robot that a document names or holds, or what is wrong with it or its files."""
+    """Return the robot that a document names or holds, or what is wrong with it or its files."""
     reference = document.value
     for key in path:
         reference = reference.get(key) if isinstance(reference, dict) else None
@@ -29,9 +29,9 @@ def any_robot_of_document(
             spec = UrdfRobotSpec.model_validate(reference)
         except ValidationError:
             return None, []  # reported with the whole
-        from climbplan.schema.robots.urdf.source import urdf_robot
+        from climbplan.schema.robots.urdf.source import build_urdf_robot
 
-        robot, findings = urdf_robot(spec, document, path, directory)
+        robot, findings = build_urdf_robot(spec, document, path, directory)
         return robot, [document.mistake(finding) for finding in findings]
     if not isinstance(reference, str) or not reference:
         return None, []  # the model says what is wrong with it
@@ -50,8 +50,8 @@ def any_robot_of_document(
         ]
 
 
-def part_of(document: Document, key: str, model: type[Model]) -> Model | None:
-    """One part of a document; None if it is not valid on its own."""
+def validate_part(document: Document, key: str, model: type[Model]) -> Model | None:
+    """Return one part of a document; None if it is not valid on its own."""
     try:
         return model.model_validate(document.value.get(key, {}))
     except ValidationError:

@@ -1,4 +1,6 @@
-"""What a robot's numbers can be: far outside, a unit was mistaken, or nothing can be computed."""
+"""Physical ranges of a robot's numbers; values outside have a wrong unit or cannot be computed
+with.
+"""
 
 from __future__ import annotations
 
@@ -16,12 +18,12 @@ class Range(NamedTuple):
     unit: str
 
     def holds(self, value: float) -> bool:
-        """Whether a value lies in it."""
+        """Return whether a value lies in it."""
         return self.low <= value <= self.high
 
     @property
     def expected(self) -> str:
-        """As in messages: "from 0.0001 to 100 m"."""
+        """The range as messages state it: "from 0.0001 to 100 m"."""
         return f"from {self.low:g} to {self.high:g} {self.unit}"
 
 
@@ -40,12 +42,12 @@ ANGLE = Range(-1000.0, 1000.0, "rad")
 Given = float | Sequence[float] | None
 
 
-def range_faults(given: Mapping[str, tuple[Given, Range]]) -> list[Fault]:
-    """Values, by their dotted keys, that lie outside their ranges; None is left to others."""
+def check_ranges(quantities: Mapping[str, tuple[Given, Range]]) -> list[Fault]:
+    """Return values, by their dotted keys, that lie outside their ranges; None is left to others."""
     faults = []
-    for key, (value, allowed) in given.items():
+    for key, (value, allowed) in quantities.items():
         values = [value] if isinstance(value, float | int) else list(value or ())
         if not all(allowed.holds(number) for number in values):
-            shown = f"{value:g}" if isinstance(value, float | int) else values
-            faults.append(Fault(key, f"expected {allowed.expected}, got {shown}"))
+            text = f"{value:g}" if isinstance(value, float | int) else values
+            faults.append(Fault(key, f"expected {allowed.expected}, got {text}"))
     return faults

@@ -7,7 +7,7 @@ from typing import Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.schema.base import Fault, Number, SpecModel, Vector, quantity, refuse
-from climbplan.schema.robots.leg_pairs import LEG_COUNTS, in_pairs
+from climbplan.schema.robots.leg_pairs import LEG_COUNTS, order_in_pairs
 
 
 class RigidBodySpec(SpecModel):
@@ -37,7 +37,7 @@ class RigidBodySpec(SpecModel):
         if len(self.legs) not in LEG_COUNTS:
             message = f"expected four, six or eight legs, got {len(self.legs)}"
             faults.append(Fault("legs", message))
-        elif (order := in_pairs(list(self.legs.values()))) is None:
+        elif (order := order_in_pairs(list(self.legs.values()))) is None:
             message = "expected pairs, a leg on either side, one pair behind the other"
             faults.append(Fault("legs", message))
         elif order != sorted(order):

@@ -19,7 +19,7 @@ from climbplan.schema.robots.ranges import (
     STIFFNESS,
     THICKNESS,
     TORQUE,
-    range_faults,
+    check_ranges,
 )
 from climbplan.schema.robots.uncertainty import RobotUncertaintySpec
 
@@ -43,8 +43,8 @@ class FiveBarSpec(SpecModel):
 
     @model_validator(mode="after")
     def _closes(self) -> Self:
-        held = (self.held_along**2 + self.held_across**2) ** 0.5
-        longest = self.crank_f + self.crank_a + held + abs(self.axis_f - self.axis_a)
+        held_length = (self.held_along**2 + self.held_across**2) ** 0.5
+        longest = self.crank_f + self.crank_a + held_length + abs(self.axis_f - self.axis_a)
         if self.coupler >= longest:
             refuse([Fault("coupler", f"expected less than {longest:.3g}, or nothing ever closes")])
         return self
@@ -90,7 +90,7 @@ class LimbSpec(SpecModel):
             if low >= high
         ]
         if not faults:
-            faults = range_faults(
+            faults = check_ranges(
                 {
                     "shoulder": (self.shoulder, PLACE),
                     "link_lengths": (self.link_lengths, LENGTH),
@@ -174,7 +174,7 @@ class RobotSpec(SpecModel):
             size = list(self.body_half_size)
             faults.append(Fault("body_half_size", f"expected three numbers > 0, got {size}"))
         if not faults:
-            faults = range_faults(
+            faults = check_ranges(
                 {
                     "mass": (self.mass, MASS),
                     "gravity": (self.gravity, GRAVITY),

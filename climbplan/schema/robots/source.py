@@ -7,7 +7,7 @@ from pathlib import Path
 
 from climbplan.errors import SpecError
 from climbplan.schema.document import Document, Finding
-from climbplan.schema.fields import nearest
+from climbplan.schema.fields import find_closest_name
 from climbplan.schema.kinds import find_kind, validate
 from climbplan.schema.robots.robot import RobotSpec
 from climbplan.schema.robots.urdf.model import UrdfRobotSpec
@@ -24,30 +24,30 @@ class UnknownRobot(ValueError):
     """Neither a built-in robot nor a robot file; `suggestion` is the nearest built-in name."""
 
     def __init__(self, name: str) -> None:
-        self.suggestion = nearest(name, builtin_robots())
-        known = ", ".join(f"`{robot}`" for robot in builtin_robots())
+        self.suggestion = find_closest_name(name, list_builtin_robots())
+        builtin_names = ", ".join(f"`{robot}`" for robot in list_builtin_robots())
         super().__init__(
-            f"expected a built-in robot ({known}) or the path of a robot YAML file, got {name!r}"
+            f"expected a built-in robot ({builtin_names}) or the path of a robot YAML file, got {name!r}"
             + (URDF_HINT if name.endswith((".urdf", ".xacro")) else "")
         )
 
 
-def builtin_robots() -> list[str]:
-    """Names of the robots that come with the package."""
+def list_builtin_robots() -> list[str]:
+    """Return names of the robots that come with the package."""
     directory = files("climbplan").joinpath("robots")
     names = [entry.name for entry in directory.iterdir()]
     return sorted(name.removesuffix(".yaml") for name in names if name.endswith(".yaml"))
 
 
-def robot_text(name: str) -> str:
-    """The YAML text of a built-in robot."""
-    if name not in builtin_robots():
+def read_robot_text(name: str) -> str:
+    """Return the YAML text of a built-in robot."""
+    if name not in list_builtin_robots():
         raise UnknownRobot(name)
     return files("climbplan").joinpath("robots", f"{name}.yaml").read_text(encoding="utf-8")
 
 
 def load_robot(reference: str | Path, directory: Path | None = None) -> RobotSpec:
-    """A robot of coxa, femur and tibia by built-in name, or from a YAML file.
+    """Return a robot of coxa, femur and tibia by built-in name, or from a YAML file.
 
     The file is relative to `directory`.
 
@@ -62,49 +62,51 @@ def load_robot(reference: str | Path, directory: Path | None = None) -> RobotSpe
 
 
 def load_any_robot(reference: str | Path, directory: Path | None = None) -> AnyRobot:
-    """As `load_robot`, of limbs of any kind."""
+    """Load a robot with limbs of any kind by built-in name, or from a YAML file."""
     name = str(reference)
     if Path(name).suffix not in (".yaml", ".yml"):
-        return robot_of(parse_yaml(robot_text(name), f"robot {name}"), Path())
+        return build_robot(parse_yaml(read_robot_text(name), f"robot {name}"), Path())
     source = read_source((directory or Path()) / name)
-    return robot_of(parse_yaml(source.text, source.shown), source.directory)
+    return build_robot(parse_yaml(source.text, source.shown), source.directory)
 
 
-def robot_files(reference: str, directory: Path) -> list[Path]:
-    """The file of a robot or body that a path names, and the URDF that this names if it does."""
+def find_robot_files(reference: str, directory: Path) -> list[Path]:
+    """Return the file of a robot or body that a path names, and the URDF that this names if it
+    does.
+    """
     path = directory / reference
     value = parse_yaml(read_source(path).text, str(path)).value
     urdf = value.get("urdf") if isinstance(value, dict) else None
     return [path, path.parent / urdf] if isinstance(urdf, str) else [path]
 
 
-def robot_of_text(document: Document, text: SourceText) -> AnyRobot:
-    """As `robot_of`; paths in it start from the directory of its source text."""
-    return robot_of(document, text.directory)
+def build_robot_from_text(document: Document, text: SourceText) -> AnyRobot:
+    """Build a robot from a document; paths in it start from the directory of its source text."""
+    return build_robot(document, text.directory)
 
 
-def robot_of(document: Document, directory: Path) -> AnyRobot:
-    """The robot that a document describes; paths in it start from `directory`.
+def build_robot(document: Document, directory: Path) -> AnyRobot:
+    """Return the robot that a document describes; paths in it start from `directory`.
 
     Raises:
         SpecError: with every mistake in it.
     """
     findings: list[Finding] = []
-    kind = find_kind(document, wanted="robot")
+    kind = find_kind(document, expected_kind="robot")
     if isinstance(kind, Finding):
         findings.append(kind)
     robot: AnyRobot | None
     if isinstance(document.value, dict) and "urdf" in document.value:
-        spec, found = validate(document, UrdfRobotSpec)
+        spec, document_findings = validate(document, UrdfRobotSpec)
         robot = None
         if spec is not None:
-            from climbplan.schema.robots.urdf.source import urdf_robot
+            from climbplan.schema.robots.urdf.source import build_urdf_robot
 
-            robot, own = urdf_robot(spec, document, (), directory)
-            found = [*found, *own]
+            robot, urdf_findings = build_urdf_robot(spec, document, (), directory)
+            document_findings = [*document_findings, *urdf_findings]
     else:
-        robot, found = validate(document, RobotSpec)
-    findings += [f for f in found if f.path != ("kind",)]
+        robot, document_findings = validate(document, RobotSpec)
+    findings += [f for f in document_findings if f.path != ("kind",)]
     if robot is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
     return robot

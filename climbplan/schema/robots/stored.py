@@ -12,7 +12,7 @@ from pathlib import Path
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.document import Document, KeyPath
 from climbplan.schema.kinds import validate
-from climbplan.schema.robots.source import AnyRobot, UnknownRobot, load_any_robot, robot_of
+from climbplan.schema.robots.source import AnyRobot, UnknownRobot, load_any_robot, build_robot
 from climbplan.schema.robots.urdf.model import UrdfRobotSpec
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.source import read_source
@@ -45,8 +45,10 @@ class NotKept(Exception):
     """A robot that neither the package nor the plan has; says so in words."""
 
 
-def robot_texts(reference: str | UrdfRobotSpec, directory: Path, robot: AnyRobot) -> RobotTexts:
-    """The texts of the files from which `robot` was loaded, for its plan.
+def collect_robot_texts(
+    reference: str | UrdfRobotSpec, directory: Path, robot: AnyRobot
+) -> RobotTexts:
+    """Return the texts of the files from which `robot` was loaded, for its plan.
 
     reference: the spec's `robot`, whose path starts from `directory`. Raises SpecError if the file
     is no longer there.
@@ -58,14 +60,14 @@ def robot_texts(reference: str | UrdfRobotSpec, directory: Path, robot: AnyRobot
     )
 
 
-def stored_robot(document: Document, texts: RobotTexts) -> StoredRobot:
-    """The robot of a plan's spec, built-in or from the texts that the plan carries.
+def build_stored_robot(document: Document, texts: RobotTexts) -> StoredRobot:
+    """Return the robot of a plan's spec, built-in or from the texts that the plan carries.
 
     Raises NotKept if it is neither, and SpecError for texts that are no robot.
     """
     reference = document.value.get("robot") if isinstance(document.value, dict) else None
     if isinstance(reference, dict):
-        return _of_urdf(document, ("robot",), texts.urdf)
+        return _build_from_urdf(document, ("robot",), texts.urdf)
     name = str(reference)
     if not _is_path(name):
         try:
@@ -74,39 +76,39 @@ def stored_robot(document: Document, texts: RobotTexts) -> StoredRobot:
             raise NotKept(f"{name!r} is no built-in robot") from None
     if not texts.yaml:
         raise NotKept(f"the plan does not carry {name}")
-    own = parse_yaml(texts.yaml, f"robot {name}")
-    if isinstance(own.value, dict) and "urdf" in own.value:
-        return _of_urdf(own, (), texts.urdf)
-    return StoredRobot(robot_of(own, Path()))
+    robot_document = parse_yaml(texts.yaml, f"robot {name}")
+    if isinstance(robot_document.value, dict) and "urdf" in robot_document.value:
+        return _build_from_urdf(robot_document, (), texts.urdf)
+    return StoredRobot(build_robot(robot_document, Path()))
 
 
-def _of_urdf(document: Document, path: KeyPath, text: str) -> StoredRobot:
-    """A robot section at `path`, with its URDF's text."""
-    from climbplan.schema.robots.urdf.source import robot_of_tree
-    from climbplan.schema.robots.urdf.tree import urdf_of_text
+def _build_from_urdf(document: Document, path: KeyPath, text: str) -> StoredRobot:
+    """Return a robot section at `path`, with its URDF's text."""
+    from climbplan.schema.robots.urdf.source import build_robot_from_tree
+    from climbplan.schema.robots.urdf.tree import parse_urdf
     from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
 
     if not text:
         raise NotKept("the plan does not carry its URDF")
     section = document.value["robot"] if path else document.value
-    own = Document(document.source, document.text, section)
-    spec, findings = validate(own, UrdfRobotSpec)
+    section_document = Document(document.source, document.text, section)
+    spec, findings = validate(section_document, UrdfRobotSpec)
     robot: UrdfRobot | None = None
     unknown: tuple[str, ...] = ()
     if spec is not None:
         try:
-            tree = urdf_of_text(text, Path(spec.urdf))
+            tree = parse_urdf(text, Path(spec.urdf))
         except (UrdfFault, UrdfFaults) as error:
             raise SpecError(spec.urdf, [SpecMistake("", str(error))]) from error
         if any(link.collision_meshes for link in tree.links.values()):
             unknown = tuple(name for name in _NO_MESHES if vars(spec)[name] is None)
             spec = spec.model_copy(update={name: _NO_MESHES[name] for name in unknown})
-        robot, findings = robot_of_tree(spec, document, path, Path(), tree)
+        robot, findings = build_robot_from_tree(spec, document, path, Path(), tree)
     if robot is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
     return StoredRobot(
         replace(robot, is_stored=True),
-        tuple(dict.fromkeys(part for name in unknown for part in _BY_MESHES[name])),
+        tuple(dict.fromkeys(field_name for name in unknown for field_name in _BY_MESHES[name])),
     )
 
 

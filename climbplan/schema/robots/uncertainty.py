@@ -1,4 +1,4 @@
-"""What climbs and transitions take for uncertain: distributions of robot and terrain.
+"""Specs of uncertain quantities in climbs and transitions: distributions of robot and terrain.
 
 Robot files say what is uncertain of the robot, specs of robot and terrain; what neither says has
 the defaults here.
@@ -59,7 +59,9 @@ class RobotUncertaintySpec(SpecModel):
     """What is uncertain of a robot."""
 
     mass: Spread = _spread_field("", "departure of the mass, as a share of it", 0.05)
-    com_mm: Spread = _spread_field("mm", "departure of the centre of mass along each body axis", 0.0)
+    com_mm: Spread = _spread_field(
+        "mm", "departure of the centre of mass along each body axis", 0.0
+    )
     joint_stiffness: Spread = _spread_field(
         "", "departure of each joint's stiffness, as a share of it, joints by themselves", 0.1
     )

@@ -47,22 +47,22 @@ class Element:
     children: list[Element] = field(default_factory=list)
 
     def first(self, tag: str) -> Element | None:
-        """The first child of a name."""
+        """Return the first child of a name."""
         return next((c for c in self.children if c.tag == tag), None)
 
     def all(self, tag: str) -> list[Element]:
-        """All children of a name."""
+        """Return all children of a name."""
         return [c for c in self.children if c.tag == tag]
 
     def walk(self) -> Iterator[Element]:
-        """The element itself and all below it, in the order of the text."""
+        """Yield the element itself and all below it, in the order of the text."""
         yield self
         for child in self.children:
             yield from child.walk()
 
 
-def parsed(text: str) -> Element:
-    """The root element; raises UrdfFault for what is not XML."""
+def parse_xml(text: str) -> Element:
+    """Return the root element; raises UrdfFault for what is not XML."""
     parser = xml.parsers.expat.ParserCreate("utf-8")  # whatever the text declares: it is decoded
     stack: list[Element] = []
     roots: list[Element] = []
@@ -91,34 +91,34 @@ def parsed(text: str) -> Element:
     return roots[0]
 
 
-def text_of(element: Element, name: str) -> str:
-    """An attribute that has to be there."""
+def read_text_attribute(element: Element, name: str) -> str:
+    """Return an attribute that has to be there."""
     value = element.attributes.get(name, "")
     if not value:
         raise UrdfFault(f"<{element.tag}> without `{name}`", element.line)
     return value
 
 
-def number_of(element: Element | None, name: str) -> float | None:
-    """A finite number, None where the element or attribute is missing."""
+def read_number_attribute(element: Element | None, name: str) -> float | None:
+    """Return a finite number, None where the element or attribute is missing."""
     if element is None or name not in element.attributes:
         return None
-    return _numbers(element, name, 1, "a number")[0]
+    return _parse_numbers(element, name, 1, "a number")[0]
 
 
-def vector_of(element: Element, name: str) -> tuple[float, float, float] | None:
-    """Three finite numbers, None where the attribute is missing."""
+def read_vector_attribute(element: Element, name: str) -> tuple[float, float, float] | None:
+    """Return three finite numbers, None where the attribute is missing."""
     if name not in element.attributes:
         return None
-    x, y, z = _numbers(element, name, 3, "three numbers")
+    x, y, z = _parse_numbers(element, name, 3, "three numbers")
     return x, y, z
 
 
-def _numbers(element: Element, name: str, count: int, expected: str) -> list[float]:
-    """The numbers of an attribute as XML Schema reads them, white space round them ignored."""
+def _parse_numbers(element: Element, name: str, count: int, expected: str) -> list[float]:
+    """Return the numbers of an attribute as XML Schema reads them, white space round them ignored."""
     text = element.attributes[name]
-    parts = [part for part in re.split(f"[{_SPACE}]+", text.strip(_SPACE)) if part]
-    values = [float(part) if _NUMBER.fullmatch(part) else math.nan for part in parts]
+    tokens = [token for token in re.split(f"[{_SPACE}]+", text.strip(_SPACE)) if token]
+    values = [float(token) if _NUMBER.fullmatch(token) else math.nan for token in tokens]
     if len(values) != count or not all(math.isfinite(value) for value in values):
         raise UrdfFault(
             f"`{name}` of <{element.tag}>: expected {expected}, got {text[:40]!r}", element.line

@@ -77,7 +77,7 @@ class ScanSpec(SpecModel):
     flatness: Number = quantity(
         "m", "largest distance of a region from the raw surface", default=0.005, gt=0, le=0.1
     )
-    least_size: Number = quantity(
+    min_size: Number = quantity(
         "m", "smallest width of a region; smaller ones are left out", default=0.02, ge=0
     )
     toe_radius: Number = quantity(

@@ -1,4 +1,4 @@
-"""Whether listed points make a usable polygon or solid, said in words.
+"""Check whether listed points make a usable polygon or solid.
 
 Plain Python on purpose: specs hold a few dozen points, and `validate` then needs no numpy.
 """
@@ -16,7 +16,7 @@ SMALLEST_AREA = 1e-8  # [m^2]
 SMALLEST_VOLUME = 1e-12  # [m^3]
 
 
-def _minus(a: Point, b: Point) -> tuple[float, float, float]:
+def _subtract(a: Point, b: Point) -> tuple[float, float, float]:
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
@@ -32,12 +32,16 @@ def _dot(a: Point, b: Point) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
-def polygon_fault(corners: Sequence[Point]) -> str | None:
-    """What keeps `corners` (n, 3) [m] from being a flat convex polygon; None if they are one."""
+def check_polygon(corners: Sequence[Point]) -> str | None:
+    """Return what keeps `corners` (n, 3) [m] from being a flat convex polygon; None if they are
+    one.
+    """
     if len(corners) < 3:
         return f"expected at least three corners, got {len(corners)}"
     # Twice the area vector; its direction is the polygon's normal (Newell).
-    fan = [_cross(_minus(a, corners[0]), _minus(b, corners[0])) for a, b in pairwise(corners[1:])]
+    fan = [
+        _cross(_subtract(a, corners[0]), _subtract(b, corners[0])) for a, b in pairwise(corners[1:])
+    ]
     doubled = tuple(sum(v[k] for v in fan) for k in range(3))
     area = math.hypot(*doubled) / 2
     if area < SMALLEST_AREA:
@@ -48,31 +52,31 @@ def polygon_fault(corners: Sequence[Point]) -> str | None:
     off = max(abs(offset - mean) for offset in offsets)
     if off > FLATNESS:
         return f"expected a flat polygon, but its corners are {1e3 * off:.3g} mm off their plane"
-    turned = 0.0
+    total_turn = 0.0
     for i, corner in enumerate(corners):
-        before = _minus(corner, corners[i - 1])
-        after = _minus(corners[(i + 1) % len(corners)], corner)
+        before = _subtract(corner, corners[i - 1])
+        after = _subtract(corners[(i + 1) % len(corners)], corner)
         if math.hypot(*before) == 0.0:
             return f"corner {i} repeats the one before it"
         turn = math.atan2(_dot(_cross(before, after), normal), _dot(before, after))
         if turn < -1e-6:
             return f"expected a convex polygon, but it turns inwards at corner {i}"
-        turned += turn
-    if turned > 2 * math.pi + 1e-3:
+        total_turn += turn
+    if total_turn > 2 * math.pi + 1e-3:
         return "expected a convex polygon, but its edges cross"
     return None
 
 
-def hull_fault(points: Sequence[Point]) -> str | None:
-    """What keeps the hull of `points` (n, 3) [m] from being a solid; None if it is one."""
+def check_hull(points: Sequence[Point]) -> str | None:
+    """Return what keeps the hull of `points` (n, 3) [m] from being a solid; None if it is one."""
     if len(points) < 4:
         return f"expected at least four points, got {len(points)}"
     origin = points[0]
     # The farthest point, then the widest triangle, then the tallest tetrahedron on it.
-    first = max((_minus(p, origin) for p in points), key=lambda d: math.hypot(*d))
+    first = max((_subtract(p, origin) for p in points), key=lambda d: math.hypot(*d))
     face = max(
-        (_cross(first, _minus(p, origin)) for p in points), key=lambda area: math.hypot(*area)
+        (_cross(first, _subtract(p, origin)) for p in points), key=lambda area: math.hypot(*area)
     )
-    if max(abs(_dot(face, _minus(p, origin))) for p in points) / 6 < SMALLEST_VOLUME:
+    if max(abs(_dot(face, _subtract(p, origin))) for p in points) / 6 < SMALLEST_VOLUME:
         return "the points lie in one plane: the solid is empty"
     return None

@@ -19,10 +19,10 @@ from climbplan.schema.base import (
 )
 from climbplan.schema.terrain.panel import PanelSpec, RegionHoldSpec
 from climbplan.schema.terrain.scan import ScanSpec
-from climbplan.schema.terrain.shapes import hull_fault, polygon_fault
+from climbplan.schema.terrain.shapes import check_hull, check_polygon
 
 
-def _interval_fault(key: str, interval: tuple[float, float]) -> list[Fault]:
+def _check_interval(key: str, interval: tuple[float, float]) -> list[Fault]:
     low, high = interval
     if low < high:
         return []
@@ -67,7 +67,7 @@ class RegionSpec(SpecModel):
         if (self.rectangle is None) == (self.vertices is None):
             both = "got both" if self.rectangle else "got neither"
             refuse([Fault("", f"expected either `rectangle` or `vertices`, {both}")])
-        if self.vertices is not None and (fault := polygon_fault(self.vertices)):
+        if self.vertices is not None and (fault := check_polygon(self.vertices)):
             refuse([Fault("vertices", fault)])
         return self
 
@@ -90,7 +90,7 @@ class WallsSpec(SpecModel):
 
     @model_validator(mode="after")
     def _extents(self) -> Self:
-        faults = [*_interval_fault("along", self.along), *_interval_fault("up", self.up)]
+        faults = [*_check_interval("along", self.along), *_check_interval("up", self.up)]
         opening = 2 * math.tan(math.radians(self.angle_deg) / 2)  # change of the gap along y
         y = min(self.along, key=lambda y: y * opening)
         if self.gap + y * opening <= 0:
@@ -112,7 +112,7 @@ class GroundSpec(SpecModel):
 
     @model_validator(mode="after")
     def _extents(self) -> Self:
-        refuse([*_interval_fault("across", self.across), *_interval_fault("along", self.along)])
+        refuse([*_check_interval("across", self.across), *_check_interval("along", self.along)])
         return self
 
 
@@ -150,7 +150,7 @@ class TubeSpec(SpecModel):
 
     @model_validator(mode="after")
     def _extents(self) -> Self:
-        refuse(_interval_fault("up", self.up))
+        refuse(_check_interval("up", self.up))
         return self
 
 
@@ -176,7 +176,7 @@ class SolidSpec(SpecModel):
                     if low >= high
                 ]
             )
-        if self.vertices is not None and (fault := hull_fault(self.vertices)):
+        if self.vertices is not None and (fault := check_hull(self.vertices)):
             refuse([Fault("vertices", fault)])
         return self
 
@@ -207,7 +207,7 @@ class TerrainSpec(SpecModel):
 
     @property
     def gripped(self) -> bool:
-        """Whether limbs hold on by grippers, to stated holds or to those of a scan."""
+        """Return whether limbs hold on by grippers, to stated holds or to those of a scan."""
         stated = self.panel is not None or any(r.hold is not None for r in self.regions)
         return stated or (self.scan is not None and self.scan.holds is not None)
 
@@ -228,11 +228,11 @@ class TerrainSpec(SpecModel):
             )
         if not flat and self.tube is None:
             faults.append(Fault("", "nothing to stand on: expected `regions`, `walls` or `tube`"))
-        seen = {"left": "a wall", "right": "a wall"} if self.walls is not None else {}
+        places_by_name = {"left": "a wall", "right": "a wall"} if self.walls is not None else {}
         if self.ground is not None:
-            seen["ground"] = "the ground"
+            places_by_name["ground"] = "the ground"
         if self.panel is not None:
-            seen["panel"] = "the panel"
+            places_by_name["panel"] = "the panel"
         names = [
             *((name, f"panel.holds.{name}") for name in (self.panel.holds if self.panel else ())),
             *((b.name, f"boxes.{i}") for i, b in enumerate(self.boxes)),
@@ -241,7 +241,7 @@ class TerrainSpec(SpecModel):
             *((s.name, f"free_regions.{i}") for i, s in enumerate(self.free_regions)),
         ]
         for name, place in names:
-            first = seen.setdefault(name, place)
+            first = places_by_name.setdefault(name, place)
             if first != place:
                 message = f"names must differ, {name!r} is also {first}"
                 faults.append(Fault(f"{place}.name", message))

@@ -1,4 +1,5 @@
-"""A compiled MJCF file written as URDF, which is read, checked and kept in plans as any other.
+"""Convert a compiled MJCF file to a URDF, which is read, checked and stored in plans like any
+other.
 
 Links are bodies, with their origin moved into the joint that carries them, as URDF has it; a body
 of several joints has a link without mass for each but the last. Named sites are links without mass.
@@ -16,7 +17,12 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.schema.robots.mjcf.compiled import Mjcf, compile_mjcf
-from climbplan.schema.robots.mjcf.places import write_line_attribute, write_origin, convert_quaternion, format_numbers
+from climbplan.schema.robots.mjcf.places import (
+    write_line_attribute,
+    write_origin,
+    convert_quaternion,
+    format_numbers,
+)
 from climbplan.schema.robots.mjcf.shapes import Shapes
 from climbplan.schema.robots.xml import Element, UrdfFault
 
@@ -35,13 +41,21 @@ def convert_mjcf_to_urdf(path: Path, root: Element) -> str:
 class _Writer:
     def __init__(self, compiled_model: Mjcf, path: Path) -> None:
         self.found, self.path = compiled_model, path
-        self.library, self.spec, self.model = compiled_model.library, compiled_model.spec, compiled_model.model
+        self.library, self.spec, self.model = (
+            compiled_model.library,
+            compiled_model.spec,
+            compiled_model.model,
+        )
         self.name = str(self.spec.modelname) or path.stem
         self.shapes = Shapes(compiled_model, path)
         model = self.model
-        self.bodies = [b for b in range(1, model.nbody) if model.body_rootid[b] == compiled_model.robot]
+        self.bodies = [
+            b for b in range(1, model.nbody) if model.body_rootid[b] == compiled_model.robot
+        ]
         used_names = {model.body(body).name for body in self.bodies}
-        self.links = {b: model.body(b).name or _choose_free_name(f"body_{b}", used_names) for b in self.bodies}
+        self.links = {
+            b: model.body(b).name or _choose_free_name(f"body_{b}", used_names) for b in self.bodies
+        }
         self.taken = used_names | set(self.links.values())
         self.joint_names = {model.joint(j).name for j in range(model.njnt)}
         self.origin = {body: self._origin(body) for body in self.bodies}
@@ -72,7 +86,10 @@ class _Writer:
         model, link = self.model, self.links[body]
         elements, joints = [], self._joints(body)
         parent, parent_origin = int(model.body_parentid[body]), np.zeros(3)
-        position, axes = np.array(model.body_pos[body]), convert_quaternion(self.library, model.body_quat[body])
+        position, axes = (
+            np.array(model.body_pos[body]),
+            convert_quaternion(self.library, model.body_quat[body]),
+        )
         above = _WORLD
         if parent in self.links:
             above, parent_origin = self.links[parent], self.origin[parent]
@@ -220,7 +237,11 @@ class _Writer:
             name = model.joint(joint).name
             offset, ratio, *higher_coefficients = (float(a) for a in model.eq_data[equality][:5])
             if any(higher_coefficients) or (leader_index < 0 and offset):
-                what = "by a polynomial" if any(higher_coefficients) else f"{offset:g} off the pose of the file"
+                what = (
+                    "by a polynomial"
+                    if any(higher_coefficients)
+                    else f"{offset:g} off the pose of the file"
+                )
                 message = f"joint {name!r} is held {what}; expected one that follows in proportion"
                 raise UrdfFault(message, self.found.line("joint", name))
             if leader_index < 0:
@@ -236,11 +257,13 @@ class _Writer:
 
 def _write_fixed_joint(name: str, above: str, below: str, position: Array, axes: Array) -> str:
     ends = f"<parent link={quoteattr(above)}/><child link={quoteattr(below)}/>"
-    return f'<joint name={quoteattr(name)} type="fixed">{ends}{write_origin(position, axes)}</joint>'
+    return (
+        f'<joint name={quoteattr(name)} type="fixed">{ends}{write_origin(position, axes)}</joint>'
+    )
 
 
 def _symmetric_limit(bounds: Any) -> float:
-    """Return what is given in both directions."""
+    """Return the limit that holds in both directions."""
     low, high = (float(bound) for bound in bounds)
     return max(min(-low, high), 0.0)
 

@@ -1,4 +1,4 @@
-"""An MJCF file as MuJoCo compiles it: defaults, included files and masses of shapes worked out.
+"""Compile an MJCF file with MuJoCo, which resolves defaults, included files and masses of shapes.
 
 MuJoCo is an optional part (`pip install 'climbplan[simulate]'`), imported only for such a file.
 """
@@ -29,12 +29,12 @@ class Mjcf:
     lines: dict[tuple[str, str], int]  # of elements, by tag and name
 
     def line(self, tag: str, name: str) -> int:
-        """Where an element is written, the first line for what has no name or is included."""
+        """Return where an element is written, the first line for what has no name or is included."""
         return self.lines.get((tag, name), 1)
 
 
-def compiled(path: Path, root: Element) -> Mjcf:
-    """The robot of an MJCF file, whose own elements are below `root`.
+def compile_mjcf(path: Path, root: Element) -> Mjcf:
+    """Return the robot of an MJCF file, whose own elements are below `root`.
 
     Raises MissingSolver without MuJoCo, UrdfFault for what MuJoCo refuses, for several robots or
     none, and for chains that its equalities close.
@@ -47,28 +47,28 @@ def compiled(path: Path, root: Element) -> Mjcf:
         spec = library.MjSpec.from_file(str(path))
         model = spec.compile()
     except (ValueError, RuntimeError, library.FatalError) as error:
-        words = " ".join(str(error).split())
-        raise UrdfFault(f"MuJoCo cannot read it: {words}", _line_of(words)) from error
+        reason = " ".join(str(error).split())
+        raise UrdfFault(f"MuJoCo cannot read it: {reason}", _find_line(reason)) from error
     lines = {
         (element.tag, element.attributes["name"]): element.line
         for element in root.walk()
         if "name" in element.attributes
     }
     _refuse_closed(library, spec, root)
-    return Mjcf(library, spec, model, _robot(library, model), lines)
+    return Mjcf(library, spec, model, _find_robot(library, model), lines)
 
 
-def _robot(library: Any, model: Any) -> int:
-    """The one body below the world with joints, beside a free one, in it or below."""
+def _find_robot(library: Any, model: Any) -> int:
+    """Return the one body below the world with joints, beside a free one, in it or below."""
     free = library.mjtJoint.mjJNT_FREE
-    moved = {
+    roots = {
         int(model.body_rootid[model.jnt_bodyid[joint]])
         for joint in range(model.njnt)
         if model.jnt_type[joint] != free
     }
-    if len(moved) == 1:
-        return moved.pop()
-    names = ", ".join(repr(model.body(body).name) for body in sorted(moved)) or "none"
+    if len(roots) == 1:
+        return roots.pop()
+    names = ", ".join(repr(model.body(body).name) for body in sorted(roots)) or "none"
     raise UrdfFault(f"expected one body below <worldbody> that carries joints, got {names}")
 
 
@@ -83,6 +83,6 @@ def _refuse_closed(library: Any, spec: Any, root: Element) -> None:
             raise UrdfFault(message, lines[0] if len(lines) == 1 else None)
 
 
-def _line_of(words: str) -> int | None:
-    found = _LINE.search(words)
-    return int(found[1]) if found else None
+def _find_line(text: str) -> int | None:
+    match = _LINE.search(text)
+    return int(match[1]) if match else None

@@ -14,7 +14,12 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.schema.robots.mjcf.compiled import Mjcf
-from climbplan.schema.robots.mjcf.places import write_line_attribute, write_origin, convert_quaternion, format_numbers
+from climbplan.schema.robots.mjcf.places import (
+    write_line_attribute,
+    write_origin,
+    convert_quaternion,
+    format_numbers,
+)
 from climbplan.schema.robots.xml import UrdfFault
 
 _SHOWN = 3  # groups of shapes that are seen, from the first
@@ -77,7 +82,11 @@ class Shapes:
             number = int(model.geom_dataid[geom])
             principal_axes = convert_quaternion(self.found.library, model.mesh_quat[number])
             mesh_axes = axes @ principal_axes.T  # MuJoCo turned the mesh into its principal axes
-            return self._mesh(number), position - mesh_axes @ np.array(model.mesh_pos[number]), mesh_axes
+            return (
+                self._mesh(number),
+                position - mesh_axes @ np.array(model.mesh_pos[number]),
+                mesh_axes,
+            )
         name = kinds(kind).name.removeprefix("mjGEOM_").lower()
         raise UrdfFault(f"of type {name}; expected box, capsule, cylinder, sphere or mesh")
 

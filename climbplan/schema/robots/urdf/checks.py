@@ -1,4 +1,4 @@
-"""Every mistake in a robot section that names a URDF, as far as the text of both tells.
+"""Find every mistake in a robot section that names a URDF, as far as both texts show it.
 
 Each is told at the key of the section that is at fault, with the line of the URDF.
 """
@@ -10,9 +10,9 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from climbplan.schema.document import Finding
-from climbplan.schema.fields import nearest
+from climbplan.schema.fields import find_closest_name
 from climbplan.schema.robots.ranges import ANGLE, PLACE, SPEED, TORQUE
-from climbplan.schema.robots.urdf.mimics import follows, mimic_findings
+from climbplan.schema.robots.urdf.mimics import resolve_mimic, check_mimics
 from climbplan.schema.robots.urdf.model import UrdfLegSpec, UrdfRobotSpec
 from climbplan.schema.robots.urdf.tree import UrdfJoint, UrdfTree
 
@@ -26,16 +26,16 @@ _PLANE = (
 _NAMED = 8  # names listed in a message
 
 
-def tree_findings(tree: UrdfTree) -> list[Finding]:
-    """What makes a URDF no tree of links, or a robot without mass."""
-    found = []
+def check_tree(tree: UrdfTree) -> list[Finding]:
+    """Return mistakes that keep a URDF from being a tree of links with non-negative masses."""
+    findings = []
     carriers: dict[str, list[UrdfJoint]] = {}
     for joint in tree.joints.values():
         carriers.setdefault(joint.child, []).append(joint)
     for link, joints in carriers.items():
         if len(joints) > 1:
             names = " and ".join(f"{j.name!r} ({tree.at(j.line)})" for j in joints)
-            found.append(
+            findings.append(
                 Finding(
                     ("urdf",),
                     f"closed chain: link {link!r} is the child of joints {names}; expected a tree, "
@@ -43,149 +43,153 @@ def tree_findings(tree: UrdfTree) -> list[Finding]:
                 )
             )
     carried = tree.by_child
-    for name in tree.links if not found else ():
-        here, steps = name, 0
-        while here in carried and steps <= len(tree.links):
-            here, steps = carried[here].parent, steps + 1
-        if here in carried:
+    for name in tree.links if not findings else ():
+        link_name, steps = name, 0
+        while link_name in carried and steps <= len(tree.links):
+            link_name, steps = carried[link_name].parent, steps + 1
+        if link_name in carried:
             loop = f"closed chain: link {name!r} is carried by itself"
-            found.append(Finding(("urdf",), f"{loop} ({tree.at(tree.links[name].line)})"))
+            findings.append(Finding(("urdf",), f"{loop} ({tree.at(tree.links[name].line)})"))
             break
     if len(tree.roots) > 1:
-        found.append(
-            Finding(("urdf",), f"expected one root link, got {_listed(tree.roots)} unconnected")
+        findings.append(
+            Finding(("urdf",), f"expected one root link, got {_join_names(tree.roots)} unconnected")
         )
-    found += [
+    findings += [
         Finding(
             ("urdf",), f"link {link.name!r} has the mass {link.mass:g} kg ({tree.at(link.line)})"
         )
         for link in tree.links.values()
         if link.mass < 0
     ]
-    return found + mimic_findings(tree)
+    return findings + check_mimics(tree)
 
 
-def section_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> list[Finding]:
-    """Mistakes of the section beside its legs: base, joints, mass."""
-    found = []
+def check_section(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> list[Finding]:
+    """Return mistakes of the section beside its legs: base, joints, mass."""
+    findings = []
     if base not in tree.links:
-        found.append(_unknown(("base",), "link", base, tree.links))
-    found += [
-        _unknown(("joints", name), "joint", name, tree.joints)
+        findings.append(_report_unknown(("base",), "link", base, tree.links))
+    findings += [
+        _report_unknown(("joints", name), "joint", name, tree.joints)
         for name in spec.joints
         if name not in tree.joints
     ]
-    found += [
-        _unknown(("limb_radii", name), "joint", name, tree.joints)
+    findings += [
+        _report_unknown(("limb_radii", name), "joint", name, tree.joints)
         for name in spec.limb_radii
         if name not in tree.joints
     ]
-    found += _held_findings(spec, tree)
+    findings += _check_locked(spec, tree)
     if sum(link.mass for link in tree.links.values()) <= 0:
         message = "zero mass: no link of the URDF has any, and so it has no centre of mass"
         cure = "expected <inertial> in its links; `mass` alone does not tell where it acts"
-        found.append(Finding(("urdf",), f"{message}; {cure}"))
-    return found
+        findings.append(Finding(("urdf",), f"{message}; {cure}"))
+    return findings
 
 
-def _held_findings(spec: UrdfRobotSpec, tree: UrdfTree) -> Iterator[Finding]:
-    """Joints that are locked: there, of the kind that their key is for, within their bounds."""
-    for key, given, kind, other in (
+def _check_locked(spec: UrdfRobotSpec, tree: UrdfTree) -> Iterator[Finding]:
+    """Yield joints that are locked: there, of the kind that their key is for, within their bounds."""
+    for key, positions, kind, other_key in (
         ("locked", spec.locked, "turns", "locked_m"),
         ("locked_m", spec.locked_m, "slides", "locked"),
     ):
-        for name, value in given.items():
+        for name, value in positions.items():
             path = (key, name)
             joint = tree.joints.get(name)
             if joint is None:
-                yield _unknown(path, "joint", name, tree.joints)
+                yield _report_unknown(path, "joint", name, tree.joints)
             elif not (joint.turns if kind == "turns" else joint.slides):
-                cure = f"; `{other}: {{{name}: NUMBER}}` holds it" if joint.moves else ""
+                cure = f"; `{other_key}: {{{name}: NUMBER}}` holds it" if joint.moves else ""
                 message = f"a {joint.kind} joint, {tree.at(joint.line)}; expected one that {kind}"
                 yield Finding(path, message + cure)
-            elif not _within(joint, value):
-                yield Finding(path, _out_of_bounds(joint, value))
+            elif not _is_within_bounds(joint, value):
+                yield Finding(path, _describe_out_of_bounds(joint, value))
             if name in spec.joints:
                 yield Finding(("joints", name), "locked: it has no limits and no stiffness")
 
 
-def leg_findings(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> Iterator[Finding]:
-    """Mistakes of all legs, and joints that two of them share."""
+def check_legs(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> Iterator[Finding]:
+    """Yield mistakes of all legs, and joints that two of them share."""
     owners: dict[str, str] = {}
-    ways: dict[str, list[UrdfJoint]] = {}
+    chains: dict[str, list[UrdfJoint]] = {}
     for name, leg in spec.legs.items():
-        here = ("legs", name)
+        leg_path = ("legs", name)
         if leg.toe not in tree.links:
-            yield _unknown((*here, "toe"), "link", leg.toe, tree.links)
+            yield _report_unknown((*leg_path, "toe"), "link", leg.toe, tree.links)
             continue
         if base not in tree.links:
             continue
-        way = tree.way_to(leg.toe, base)
-        if way is None:
-            yield Finding((*here, "toe"), f"link {leg.toe!r} is not carried by the base {base!r}")
+        chain = tree.way_to(leg.toe, base)
+        if chain is None:
+            yield Finding(
+                (*leg_path, "toe"), f"link {leg.toe!r} is not carried by the base {base!r}"
+            )
             continue
-        ways[name] = way
-        moving = moving_joints(way, spec, tree)
+        chains[name] = chain
+        moving = select_moving_joints(chain, spec, tree)
         for joint in moving:
             where = f"joint {joint.name!r} ({tree.at(joint.line)})"
-            for message in joint_faults(joint, spec):
-                yield Finding((*here, "toe"), f"{where}: {message}")
+            for message in check_joint(joint, spec):
+                yield Finding((*leg_path, "toe"), f"{where}: {message}")
             owner = owners.setdefault(joint.name, name)
             if owner != name:
                 key = "locked_m" if joint.slides else "locked"
                 yield Finding(
-                    (*here, "toe"),
+                    (*leg_path, "toe"),
                     f"{where} moves {owner} and {name} together; expected joints of its own for "
                     "every leg, the last common link as `base`, or it held: "
                     f"`{key}: {{{joint.name}: {'METRES' if joint.slides else 'DEGREES'}}}`",
                 )
-        own = [joint for joint in moving if joint.mimic is None]
-        if not FEWEST_JOINTS <= len(own) <= MOST_JOINTS:
+        driven_joints = [joint for joint in moving if joint.mimic is None]
+        if not FEWEST_JOINTS <= len(driven_joints) <= MOST_JOINTS:
             yield Finding(
-                (*here, "toe"),
+                (*leg_path, "toe"),
                 f"expected {FEWEST_JOINTS} to {MOST_JOINTS} joints that move from {base!r} to "
-                f"{leg.toe!r}, got {len(own)}{': ' if own else ''}"
-                f"{', '.join(joint.name for joint in own)}"
-                + ("; `locked` holds some" if len(own) > MOST_JOINTS else "")
-                + (_PLANE if len(own) == FEWEST_JOINTS - 1 else ""),
+                f"{leg.toe!r}, got {len(driven_joints)}{': ' if driven_joints else ''}"
+                f"{', '.join(joint.name for joint in driven_joints)}"
+                + ("; `locked` holds some" if len(driven_joints) > MOST_JOINTS else "")
+                + (_PLANE if len(driven_joints) == FEWEST_JOINTS - 1 else ""),
             )
-        elif spec.flat_feet and len(own) < JOINTS_OF_FLAT_FEET:
+        elif spec.flat_feet and len(driven_joints) < JOINTS_OF_FLAT_FEET:
             message = (
                 f"a leg with a flat foot has at least {JOINTS_OF_FLAT_FEET} joints, got "
-                f"{', '.join(joint.name for joint in own)}; `foot: {{radius: NUMBER}}` or no "
+                f"{', '.join(joint.name for joint in driven_joints)}; `foot: {{radius: NUMBER}}` or no "
                 "`foot` is for legs without an ankle"
             )
-            yield Finding((*here, "toe"), message)
+            yield Finding((*leg_path, "toe"), message)
         if spec.gripper is not None and len(moving) > JOINTS_BELOW_WRIST:
             message = (
                 f"a leg with a gripper has {JOINTS_BELOW_WRIST} joints below its wrist, got "
                 f"{', '.join(joint.name for joint in moving)}; name the link of the wrist's centre "
                 "as its toe, or hold some joints by `locked`"
             )
-            yield Finding((*here, "toe"), message)
-        yield from _posture_findings(name, leg, own)
-        yield from _following_findings(name, spec, tree, moving)
-    yield from _led_by_others(spec, tree, ways, owners)
+            yield Finding((*leg_path, "toe"), message)
+        yield from _check_posture(name, leg, driven_joints)
+        yield from _check_followers(name, spec, tree, moving)
+    yield from _check_foreign_leaders(spec, tree, chains, owners)
 
 
-def moving_joints(way: list[UrdfJoint], spec: UrdfRobotSpec, tree: UrdfTree) -> list[UrdfJoint]:
-    """Joints of a way that a leg moves: neither fixed nor locked.
+def select_moving_joints(
+    chain: list[UrdfJoint], spec: UrdfRobotSpec, tree: UrdfTree
+) -> list[UrdfJoint]:
+    """Return the joints of a chain that a leg moves: neither fixed nor locked.
 
     Those that follow another joint are among them where that one is.
     """
-    held = spec.held
-    free = [joint for joint in way if joint.kind != "fixed" and joint.name not in held]
-    names = {joint.name for joint in free}
+    locked = spec.held
+    unlocked = [joint for joint in chain if joint.kind != "fixed" and joint.name not in locked]
+    names = {joint.name for joint in unlocked}
 
     def is_moved(joint: UrdfJoint) -> bool:
-        leader = follows(tree, joint)
+        leader = resolve_mimic(tree, joint)
         return leader is None or (leader.leader in names and leader.ratio != 0.0)
 
-    return [joint for joint in free if is_moved(joint)]
+    return [joint for joint in unlocked if is_moved(joint)]
 
 
-def joint_faults(joint: UrdfJoint, spec: UrdfRobotSpec) -> Iterator[str]:
-    """Why a leg cannot have a joint."""
+def check_joint(joint: UrdfJoint, spec: UrdfRobotSpec) -> Iterator[str]:
+    """Yield why a leg cannot have a joint."""
     if not joint.moves:
         body = "; is its child the body (`base`)?" if joint.kind == "floating" else ""
         yield f"a {joint.kind} joint; expected revolute, continuous, prismatic or fixed{body}"
@@ -195,42 +199,55 @@ def joint_faults(joint: UrdfJoint, spec: UrdfRobotSpec) -> Iterator[str]:
         allowed.holds(joint.lower) and allowed.holds(joint.upper)
     ):
         endless = "" if joint.slides else '; a joint without bounds has type="continuous"'
-        got = f"got {joint.lower:g} and {joint.upper:g}"
-        yield f"expected bounds {allowed.expected}, {got}{endless}"
+        bounds_text = f"got {joint.lower:g} and {joint.upper:g}"
+        yield f"expected bounds {allowed.expected}, {bounds_text}{endless}"
     elif not joint.lower < joint.upper:
         bounds = f"{joint.lower:g} and {joint.upper:g} {allowed.unit}"
         yield f"expected <limit> with lower < upper, got {bounds}"
     if joint.mimic is not None:  # the motor is that of the joint that it follows
         return
     torque, speed = ("force", "m/s") if joint.slides else ("torque", "rad/s")
-    own = spec.joints.get(joint.name)
-    if (own is None or own.max_torque is None) and not (joint.effort or 0.0) >= TORQUE.low:
+    joint_spec = spec.joints.get(joint.name)
+    if (joint_spec is None or joint_spec.max_torque is None) and not (
+        joint.effort or 0.0
+    ) >= TORQUE.low:
         unit = "N" if joint.slides else "N m"
-        yield _unlimited("effort", torque, unit, joint.effort, joint.name, "max_torque")
-    if (own is None or own.max_speed is None) and not (joint.velocity or 0.0) >= SPEED.low:
-        yield _unlimited("velocity", "speed", speed, joint.velocity, joint.name, "max_speed")
+        yield _describe_missing_limit(
+            "effort", torque, unit, joint.effort, joint.name, "max_torque"
+        )
+    if (joint_spec is None or joint_spec.max_speed is None) and not (
+        joint.velocity or 0.0
+    ) >= SPEED.low:
+        yield _describe_missing_limit(
+            "velocity", "speed", speed, joint.velocity, joint.name, "max_speed"
+        )
 
 
-def led_bounds(
+def compute_leader_bounds(
     tree: UrdfTree, joint: UrdfJoint, followers: Iterable[UrdfJoint]
 ) -> tuple[float, float]:
-    """Bounds of a joint [rad, m] within which it keeps those that follow it inside theirs."""
+    """Return bounds of a joint [rad, m] that keep its mimic joints within their own bounds."""
     low, high = joint.lower, joint.upper
-    for other in followers:
-        led = follows(tree, other)
-        if led is not None and led.leader == joint.name and led.ratio != 0.0:
-            ends = [(bound - led.offset) / led.ratio for bound in (other.lower, other.upper)]
+    for follower in followers:
+        coupling = resolve_mimic(tree, follower)
+        if coupling is not None and coupling.leader == joint.name and coupling.ratio != 0.0:
+            ends = [
+                (bound - coupling.offset) / coupling.ratio
+                for bound in (follower.lower, follower.upper)
+            ]
             low, high = max(low, min(ends)), min(high, max(ends))
     return low, high
 
 
-def _following_findings(
+def _check_followers(
     name: str, spec: UrdfRobotSpec, tree: UrdfTree, moving: list[UrdfJoint]
 ) -> Iterator[Finding]:
-    """Joints that follow others: nothing is said of them but by these, and bounds leave a range."""
+    """Yield mistakes at mimic joints: limits of their own, and bounds that leave their leader no
+    range.
+    """
     for joint in moving:
         if joint.mimic is None:
-            low, high = led_bounds(tree, joint, moving)
+            low, high = compute_leader_bounds(tree, joint, moving)
             if joint.lower < joint.upper and not low < high:
                 yield Finding(
                     ("legs", name, "toe"),
@@ -242,57 +259,60 @@ def _following_findings(
             yield Finding(("joints", joint.name), message)
 
 
-def _led_by_others(
-    spec: UrdfRobotSpec, tree: UrdfTree, ways: dict[str, list[UrdfJoint]], owners: dict[str, str]
+def _check_foreign_leaders(
+    spec: UrdfRobotSpec, tree: UrdfTree, chains: dict[str, list[UrdfJoint]], owners: dict[str, str]
 ) -> Iterator[Finding]:
-    """Joints that follow a joint of another leg: they would move both."""
-    for name, way in ways.items():
-        for joint in way:
-            led = follows(tree, joint)
-            if led is None or joint.name in spec.held or led.ratio == 0.0:
+    """Yield joints that follow a joint of another leg: they would move both."""
+    for name, chain in chains.items():
+        for joint in chain:
+            coupling = resolve_mimic(tree, joint)
+            if coupling is None or joint.name in spec.held or coupling.ratio == 0.0:
                 continue
-            owner = owners.get(led.leader, name)
+            owner = owners.get(coupling.leader, name)
             if owner != name:
                 yield Finding(
                     ("legs", name, "toe"),
-                    f"joint {joint.name!r} ({tree.at(joint.line)}): mimics {led.leader!r}, a joint "
+                    f"joint {joint.name!r} ({tree.at(joint.line)}): mimics {coupling.leader!r}, a joint "
                     f"of {owner}; expected joints of one leg, or it held by `locked`",
                 )
 
 
-def _unlimited(
-    attribute: str, what: str, unit: str, given: float | None, joint: str, key: str
+def _describe_missing_limit(
+    attribute: str, what: str, unit: str, limit: float | None, joint: str, key: str
 ) -> str:
-    got = "none" if given is None else f"{given:g}"
+    limit_text = "none" if limit is None else f"{limit:g}"
     return (
-        f"no {what} limit: expected `{attribute}` > 0 in its <limit>, got {got}, or "
+        f"no {what} limit: expected `{attribute}` > 0 in its <limit>, got {limit_text}, or "
         f"`joints: {{{joint}: {{{key}: NUMBER}}}}` [{unit}] here"
     )
 
 
-def _posture_findings(name: str, leg: UrdfLegSpec, moving: list[UrdfJoint]) -> Iterator[Finding]:
-    """Angles and places for joints that the leg has, within their bounds."""
-    own = {joint.name: joint for joint in moving}
-    for key, given in (("posture_deg", leg.posture_deg), ("posture_m", leg.posture_m)):
-        for joint, value in given.items():
+def _check_posture(name: str, leg: UrdfLegSpec, moving: list[UrdfJoint]) -> Iterator[Finding]:
+    """Yield angles and places for joints that the leg has, within their bounds."""
+    joints_by_name = {joint.name: joint for joint in moving}
+    for key, positions in (("posture_deg", leg.posture_deg), ("posture_m", leg.posture_m)):
+        for joint, value in positions.items():
             path = ("legs", name, key, joint)
-            if joint not in own:
-                message = f"leg {name} has no joint {joint!r}, only {_listed(own)}"
-                yield Finding(path, message, nearest(joint, list(own)))
-            elif own[joint].slides != (key == "posture_m"):
-                other = "posture_m" if own[joint].slides else "posture_deg"
-                yield Finding(path, f"a {own[joint].kind} joint; its posture stands in `{other}`")
-            elif not _within(own[joint], value):
-                yield Finding(path, _out_of_bounds(own[joint], value))
+            if joint not in joints_by_name:
+                message = f"leg {name} has no joint {joint!r}, only {_join_names(joints_by_name)}"
+                yield Finding(path, message, find_closest_name(joint, list(joints_by_name)))
+            elif joints_by_name[joint].slides != (key == "posture_m"):
+                other_key = "posture_m" if joints_by_name[joint].slides else "posture_deg"
+                yield Finding(
+                    path,
+                    f"a {joints_by_name[joint].kind} joint; its posture stands in `{other_key}`",
+                )
+            elif not _is_within_bounds(joints_by_name[joint], value):
+                yield Finding(path, _describe_out_of_bounds(joints_by_name[joint], value))
 
 
-def _within(joint: UrdfJoint, value: float) -> bool:
-    """Whether an angle [deg], or a place [m] of a joint that slides, is within its bounds."""
+def _is_within_bounds(joint: UrdfJoint, value: float) -> bool:
+    """Return whether an angle [deg], or a place [m] of a joint that slides, is within its bounds."""
     place = value if joint.slides else np.deg2rad(value)
     return bool(joint.lower - 1e-9 <= place <= joint.upper + 1e-9)
 
 
-def _out_of_bounds(joint: UrdfJoint, value: float) -> str:
+def _describe_out_of_bounds(joint: UrdfJoint, value: float) -> str:
     if joint.slides:
         return (
             f"expected a place within the joint's bounds, {joint.lower:.4g} to {joint.upper:.4g} "
@@ -304,14 +324,16 @@ def _out_of_bounds(joint: UrdfJoint, value: float) -> str:
     )
 
 
-def _unknown(path: tuple[str, ...], what: str, name: str, known: object) -> Finding:
-    names = list(known) if isinstance(known, dict) else []
+def _report_unknown(path: tuple[str, ...], what: str, name: str, entries: object) -> Finding:
+    names = list(entries) if isinstance(entries, dict) else []
     return Finding(
-        path, f"the URDF has no {what} {name!r}, it has {_listed(names)}", nearest(name, names)
+        path,
+        f"the URDF has no {what} {name!r}, it has {_join_names(names)}",
+        find_closest_name(name, names),
     )
 
 
-def _listed(names: object) -> str:
+def _join_names(names: object) -> str:
     every = [str(name) for name in names] if isinstance(names, dict | list) else []
     more = f" and {len(every) - _NAMED} more" if len(every) > _NAMED else ""
     return f"{', '.join(every[:_NAMED])}{more}" if every else "none"

@@ -1,4 +1,4 @@
-"""The text of an XML file by its byte order mark or its declaration, as the XML standard says."""
+"""Decode an XML file by its byte order mark or its declaration, as the XML standard says."""
 
 from __future__ import annotations
 
@@ -31,13 +31,13 @@ _KNOWN = re.compile(
 _WIDE = re.compile(r"utf-?(16|32)|ucs-?[24]|iso-10646-ucs-[24]")
 
 
-def decoded(content: bytes) -> str:
-    """The text of an XML file, without its mark.
+def decode_xml(content: bytes) -> str:
+    """Return the text of an XML file without its byte order mark.
 
     UTF-8 where neither a mark nor a declaration says otherwise. Raises UrdfFault for what is not
     text in its encoding, with the line.
     """
-    encoding, mark = _encoding(content)
+    encoding, mark = _identify_encoding(content)
     try:
         text = content[mark:].decode(encoding)
         text.encode()  # halves of surrogates, which some codecs let through
@@ -52,20 +52,20 @@ def decoded(content: bytes) -> str:
     return text
 
 
-def _encoding(content: bytes) -> tuple[str, int]:
-    """The encoding, and how many bytes its mark takes."""
+def _identify_encoding(content: bytes) -> tuple[str, int]:
+    """Return the encoding, and how many bytes its mark takes."""
     for mark, encoding in _MARKS:
         if content.startswith(mark):
             return encoding, len(mark)
     for start, encoding in _STARTS:
         if content.startswith(start):
             return encoding, 0
-    found = _DECLARED.match(content)
-    if found is None:
+    declaration = _DECLARED.match(content)
+    if declaration is None:
         return "utf-8", 0
-    declared = found[1].decode("ascii").lower()
-    if _WIDE.match(declared):  # whoever wrote that, wrote single bytes
+    encoding_name = declaration[1].decode("ascii").lower()
+    if _WIDE.match(encoding_name):  # whoever wrote that, wrote single bytes
         return "utf-8", 0
-    if not _KNOWN.fullmatch(declared):
-        raise UrdfFault(f"declares the encoding {declared}, expected UTF-8", 1)
-    return declared, 0
+    if not _KNOWN.fullmatch(encoding_name):
+        raise UrdfFault(f"declares the encoding {encoding_name}, expected UTF-8", 1)
+    return encoding_name, 0

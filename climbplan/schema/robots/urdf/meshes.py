@@ -15,15 +15,15 @@ _HEAD = 65_536  # [bytes] of a mesh file that has its <asset>
 _AXIS = 16  # [bytes] behind the tag
 
 
-def mesh_path(name: str, urdf: Path, packages: Mapping[str, str], directory: Path) -> Path:
-    """The file of a mesh that a URDF names.
+def find_mesh(name: str, urdf: Path, packages: Mapping[str, str], directory: Path) -> Path:
+    """Return the file of a mesh that a URDF names.
 
     packages: package name -> directory, relative to `directory`. Others are looked for among the
     directories above the URDF and in ROS_PACKAGE_PATH. Raises UrdfFault for what is not there.
     """
     if name.startswith(_PACKAGE):
-        package, _, rest = name.removeprefix(_PACKAGE).partition("/")
-        path = _package(package, urdf, packages, directory) / rest
+        package, _, inner_path = name.removeprefix(_PACKAGE).partition("/")
+        path = _find_package(package, urdf, packages, directory) / inner_path
     elif name.startswith("file://"):
         path = Path(unquote(urlparse(name).path))
     elif "://" in name:
@@ -36,8 +36,8 @@ def mesh_path(name: str, urdf: Path, packages: Mapping[str, str], directory: Pat
 
 
 @cache
-def y_is_up(path: Path) -> bool:
-    """Whether a mesh file says that its y points up: `<up_axis>` of COLLADA.
+def is_y_up(path: Path) -> bool:
+    """Return whether a mesh file says that its y points up: `<up_axis>` of COLLADA.
 
     Where that is left out z is up, as in all other meshes of URDFs.
     """
@@ -50,7 +50,7 @@ def y_is_up(path: Path) -> bool:
         return False
 
 
-def _package(name: str, urdf: Path, packages: Mapping[str, str], directory: Path) -> Path:
+def _find_package(name: str, urdf: Path, packages: Mapping[str, str], directory: Path) -> Path:
     if name in packages:
         path = directory / packages[name]
         if not path.is_dir():

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from climbplan.schema.document import Finding
-from climbplan.schema.fields import nearest
+from climbplan.schema.fields import find_closest_name
 from climbplan.schema.robots.urdf.tree import UrdfJoint, UrdfTree
 
 _LARGEST = 1000.0  # multiplier and offset
@@ -24,23 +24,25 @@ class Follows:
     offset: float
 
 
-def follows(tree: UrdfTree, joint: UrdfJoint) -> Follows | None:
-    """What moves a joint; None of one that moves by itself, and of one that follows in a circle."""
-    ratio, offset, here, passed = 1.0, 0.0, joint, {joint.name}
-    while here.mimic is not None:
-        offset += ratio * here.mimic.offset
-        ratio *= here.mimic.multiplier
-        leader = tree.joints.get(here.mimic.joint)
+def resolve_mimic(tree: UrdfTree, joint: UrdfJoint) -> Follows | None:
+    """Return the joint that drives a mimic joint; None if it follows no joint or is part of a
+    cycle.
+    """
+    ratio, offset, leading_joint, passed = 1.0, 0.0, joint, {joint.name}
+    while leading_joint.mimic is not None:
+        offset += ratio * leading_joint.mimic.offset
+        ratio *= leading_joint.mimic.multiplier
+        leader = tree.joints.get(leading_joint.mimic.joint)
         if leader is None or leader.name in passed:
             return None
         passed.add(leader.name)
-        here = leader
-    return Follows(here.name, ratio, offset) if here is not joint else None
+        leading_joint = leader
+    return Follows(leading_joint.name, ratio, offset) if leading_joint is not joint else None
 
 
-def mimic_findings(tree: UrdfTree) -> list[Finding]:
-    """Joints that follow what is not there, what cannot lead, or one another."""
-    found = []
+def check_mimics(tree: UrdfTree) -> list[Finding]:
+    """Return mistakes at mimic joints whose leader is missing, cannot move, or forms a cycle."""
+    findings = []
     for joint in tree.joints.values():
         if joint.mimic is None:
             continue
@@ -48,22 +50,28 @@ def mimic_findings(tree: UrdfTree) -> list[Finding]:
         leader = tree.joints.get(joint.mimic.joint)
         if leader is None:
             message = f"{where}, which is no joint of the URDF"
-            found.append(Finding(("urdf",), message, nearest(joint.mimic.joint, list(tree.joints))))
+            findings.append(
+                Finding(("urdf",), message, find_closest_name(joint.mimic.joint, list(tree.joints)))
+            )
         elif not (joint.moves and leader.moves):
             kind = f"a {(joint if not joint.moves else leader).kind} joint"
             message = f"{where}, {kind}; expected joints that turn or slide"
-            found.append(Finding(("urdf",), message))
+            findings.append(Finding(("urdf",), message))
         elif not all(abs(v) <= _LARGEST for v in (joint.mimic.multiplier, joint.mimic.offset)):
             message = f"{where}: expected `multiplier` and `offset` up to {_LARGEST:g}"
-            found.append(Finding(("urdf",), message))
-        elif follows(tree, joint) is None and _in_a_circle(tree, joint):
+            findings.append(Finding(("urdf",), message))
+        elif resolve_mimic(tree, joint) is None and _is_cyclic(tree, joint):
             message = "itself" if leader is joint else "a joint that in the end mimics it"
-            found.append(Finding(("urdf",), f"{where}, {message}; expected one that leads"))
-    return found
+            findings.append(Finding(("urdf",), f"{where}, {message}; expected one that leads"))
+    return findings
 
 
-def _in_a_circle(tree: UrdfTree, joint: UrdfJoint) -> bool:
-    here, steps = joint, 0
-    while here.mimic is not None and here.mimic.joint in tree.joints and steps <= len(tree.joints):
-        here, steps = tree.joints[here.mimic.joint], steps + 1
+def _is_cyclic(tree: UrdfTree, joint: UrdfJoint) -> bool:
+    leading_joint, steps = joint, 0
+    while (
+        leading_joint.mimic is not None
+        and leading_joint.mimic.joint in tree.joints
+        and steps <= len(tree.joints)
+    ):
+        leading_joint, steps = tree.joints[leading_joint.mimic.joint], steps + 1
     return steps > len(tree.joints)

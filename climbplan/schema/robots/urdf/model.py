@@ -33,7 +33,7 @@ from climbplan.schema.robots.ranges import (
     TORQUE,
     Given,
     Range,
-    range_faults,
+    check_ranges,
 )
 from climbplan.schema.robots.uncertainty import RobotUncertaintySpec
 
@@ -235,18 +235,20 @@ class UrdfRobotSpec(SpecModel):
     def _consistent(self) -> Self:
         faults = []
         if len(self.legs) < (FEWEST_FLAT_FEET if self.flat_feet else FEWEST_LEGS):
-            least = "two legs" if self.flat_feet else "three legs"
-            faults.append(Fault("legs", f"expected at least {least}, got {len(self.legs)}"))
+            min_legs = "two legs" if self.flat_feet else "three legs"
+            faults.append(Fault("legs", f"expected at least {min_legs}, got {len(self.legs)}"))
         faults += [
             Fault("legs", f"expected {NAME_WORDS}, got {n[:40]!r}")
             for n in self.legs
             if not is_name(n)
         ]
         if self.up[-1] == self.forward[-1]:
-            odd, other = ("up", "forward") if "up" in self.model_fields_set else ("forward", "up")
+            wrong_key, other_key = (
+                ("up", "forward") if "up" in self.model_fields_set else ("forward", "up")
+            )
             axes = {"up": self.up, "forward": self.forward}
-            message = f"expected an axis square to `{other}: {axes[other]}`, got {axes[odd]!r}"
-            faults.append(Fault(odd, message))
+            message = f"expected an axis square to `{other_key}: {axes[other_key]}`, got {axes[wrong_key]!r}"
+            faults.append(Fault(wrong_key, message))
         if self.body_half_size is not None and min(self.body_half_size) <= 0:
             size = list(self.body_half_size)
             faults.append(Fault("body_half_size", f"expected three numbers > 0, got {size}"))
@@ -259,7 +261,7 @@ class UrdfRobotSpec(SpecModel):
 
     @property
     def flat_feet(self) -> bool:
-        """Whether its feet have soles."""
+        """Return whether its feet have soles."""
         return self.foot is not None and self.foot.flat
 
     @property
@@ -270,12 +272,12 @@ class UrdfRobotSpec(SpecModel):
     @property
     def held(self) -> dict[str, float]:
         """Joint name -> angle [rad] or place [m] at which it is held."""
-        turned = {name: float(np.deg2rad(degrees)) for name, degrees in self.locked.items()}
-        return turned | {name: float(place) for name, place in self.locked_m.items()}
+        angles = {name: float(np.deg2rad(degrees)) for name, degrees in self.locked.items()}
+        return angles | {name: float(place) for name, place in self.locked_m.items()}
 
     def _sizes(self) -> list[Fault]:
-        """What is out of the range that a robot's numbers can have."""
-        own: dict[str, tuple[Given, Range]] = {
+        """Return faults of quantities outside the range that a robot's numbers can have."""
+        quantities: dict[str, tuple[Given, Range]] = {
             "mass": (self.mass, MASS),
             "gravity": (self.gravity, GRAVITY),
             "joint_stiffness": (self.joint_stiffness, STIFFNESS),
@@ -293,22 +295,22 @@ class UrdfRobotSpec(SpecModel):
             "workspace.stance_radius": (self.workspace.stance_radius, LENGTH),
         }
         for name, joint in self.joints.items():
-            own[f"joints.{name}.max_torque"] = (joint.max_torque, TORQUE)
-            own[f"joints.{name}.max_speed"] = (joint.max_speed, SPEED)
-            own[f"joints.{name}.stiffness"] = (joint.stiffness, STIFFNESS)
-            own[f"joints.{name}.rotor_inertia"] = (joint.rotor_inertia, ROTOR_INERTIA)
-            own[f"joints.{name}.damping"] = (joint.damping, DAMPING)
+            quantities[f"joints.{name}.max_torque"] = (joint.max_torque, TORQUE)
+            quantities[f"joints.{name}.max_speed"] = (joint.max_speed, SPEED)
+            quantities[f"joints.{name}.stiffness"] = (joint.stiffness, STIFFNESS)
+            quantities[f"joints.{name}.rotor_inertia"] = (joint.rotor_inertia, ROTOR_INERTIA)
+            quantities[f"joints.{name}.damping"] = (joint.damping, DAMPING)
         for name, leg in self.legs.items():
-            own[f"legs.{name}.toe_offset"] = (leg.toe_offset, PLACE)
-            own[f"legs.{name}.stance"] = (leg.stance, PLACE)
-        return range_faults(own)
+            quantities[f"legs.{name}.toe_offset"] = (leg.toe_offset, PLACE)
+            quantities[f"legs.{name}.stance"] = (leg.stance, PLACE)
+        return check_ranges(quantities)
 
 
-def _reference(value: Any) -> str:
+def _discriminate(value: Any) -> str:
     return MAPPING_TAG if isinstance(value, dict | UrdfRobotSpec) else FILE_TAG
 
 
 RobotReference = Annotated[
     Annotated[str, Field(min_length=1), Tag(FILE_TAG)] | Annotated[UrdfRobotSpec, Tag(MAPPING_TAG)],
-    Discriminator(_reference),
+    Discriminator(_discriminate),
 ]

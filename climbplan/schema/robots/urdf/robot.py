@@ -31,8 +31,8 @@ class UrdfRobot:
 
     @property
     def needs_shapes(self) -> bool:
-        """Whether collision geometry is asked for anything that the section does not say."""
-        return needs_shapes_of(self.spec, self.joints)
+        """Return whether collision geometry is asked for anything that the section does not say."""
+        return requires_shapes(self.spec, self.joints)
 
     @property
     def name(self) -> str:
@@ -46,7 +46,7 @@ class UrdfRobot:
 
     @property
     def own_joints(self) -> dict[str, tuple[UrdfJoint, ...]]:
-        """By leg, those of `joints` that follow no other."""
+        """The joints of each leg that follow no other joint."""
         return {
             name: tuple(joint for joint in joints if joint.mimic is None)
             for name, joints in self.joints.items()
@@ -63,21 +63,21 @@ class UrdfRobot:
         return self.spec.kind
 
     def refused(self, findings: list[Finding]) -> SpecError:
-        """Mistakes found later, at the lines of the section."""
+        """Return mistakes found later, at the lines of the section."""
         return SpecError(self.document.source, self.document.mistakes(self._here(findings)))
 
     def _here(self, findings: list[Finding]) -> list[Finding]:
-        return below(self.path, findings)
+        return prefix_findings(self.path, findings)
 
 
-def below(path: KeyPath, findings: list[Finding]) -> list[Finding]:
-    """Findings of a section, at their place in the document."""
+def prefix_findings(path: KeyPath, findings: list[Finding]) -> list[Finding]:
+    """Return findings of a section, at their place in the document."""
     return [Finding((*path, *f.path), f.message, f.suggestion, f.option) for f in findings]
 
 
-def needs_shapes_of(spec: UrdfRobotSpec, joints: dict[str, tuple[UrdfJoint, ...]]) -> bool:
-    """Whether legs or body are as thick as collision geometry says, with the joints of legs."""
-    moved = [joint.name for own in joints.values() for joint in own]
-    stated = bool(moved) and all(name in spec.limb_radii for name in moved)
+def requires_shapes(spec: UrdfRobotSpec, joints: dict[str, tuple[UrdfJoint, ...]]) -> bool:
+    """Return whether legs or body are as thick as collision geometry says, with the joints of legs."""
+    moved_joints = [joint.name for leg_joints in joints.values() for joint in leg_joints]
+    stated = bool(moved_joints) and all(name in spec.limb_radii for name in moved_joints)
     thick = spec.limb_radius is not None or stated
     return not thick or spec.body_half_size is None

@@ -1,4 +1,4 @@
-"""A robot section that names a URDF, read and checked together with the file."""
+"""Read a robot section that names a URDF and check it together with that file."""
 
 from __future__ import annotations
 
@@ -6,22 +6,22 @@ from pathlib import Path
 
 from climbplan.schema.document import Document, Finding, KeyPath
 from climbplan.schema.robots.urdf.checks import (
-    leg_findings,
-    moving_joints,
-    section_findings,
-    tree_findings,
+    check_legs,
+    select_moving_joints,
+    check_section,
+    check_tree,
 )
-from climbplan.schema.robots.urdf.meshes import mesh_path
+from climbplan.schema.robots.urdf.meshes import find_mesh
 from climbplan.schema.robots.urdf.model import UrdfRobotSpec
-from climbplan.schema.robots.urdf.robot import UrdfRobot, below, needs_shapes_of
+from climbplan.schema.robots.urdf.robot import UrdfRobot, prefix_findings, requires_shapes
 from climbplan.schema.robots.urdf.tree import UrdfTree, read_urdf
 from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
 
 
-def urdf_robot(
+def build_urdf_robot(
     spec: UrdfRobotSpec, document: Document, path: KeyPath, directory: Path
 ) -> tuple[UrdfRobot | None, list[Finding]]:
-    """The robot of a section at `path`, or every mistake in it and its URDF.
+    """Return the robot of a section at `path`, or every mistake in it and its URDF.
 
     Paths start from `directory`.
     """
@@ -29,46 +29,46 @@ def urdf_robot(
         tree = read_urdf(directory / spec.urdf)
     except (UrdfFault, UrdfFaults) as error:
         faults = error.faults if isinstance(error, UrdfFaults) else [error]
-        return None, below(path, [_told(spec, fault) for fault in faults])
-    return robot_of_tree(spec, document, path, directory, tree)
+        return None, prefix_findings(path, [_report_fault(spec, fault) for fault in faults])
+    return build_robot_from_tree(spec, document, path, directory, tree)
 
 
-def robot_of_tree(
+def build_robot_from_tree(
     spec: UrdfRobotSpec, document: Document, path: KeyPath, directory: Path, tree: UrdfTree
 ) -> tuple[UrdfRobot | None, list[Finding]]:
-    """As `urdf_robot`, of a URDF that was read already."""
-    found = tree_findings(tree)
+    """Return the robot of a section whose URDF was read already, or every mistake in both."""
+    findings = check_tree(tree)
     base = spec.base or (tree.roots or [""])[0]
-    if not found:
-        found = [*section_findings(spec, tree, base), *leg_findings(spec, tree, base)]
+    if not findings:
+        findings = [*check_section(spec, tree, base), *check_legs(spec, tree, base)]
     meshes: dict[str, Path] = {}
-    named = dict(mesh for link in tree.links.values() for mesh in link.collision_meshes)
+    mesh_lines = dict(mesh for link in tree.links.values() for mesh in link.collision_meshes)
     joints = {
-        name: tuple(moving_joints(tree.way_to(leg.toe, base) or [], spec, tree))
+        name: tuple(select_moving_joints(tree.way_to(leg.toe, base) or [], spec, tree))
         for name, leg in spec.legs.items()
-        if not found
+        if not findings
     }
-    moved = {joint.name for own in joints.values() for joint in own}
-    if not found:
-        found = [
+    moved_joints = {joint.name for leg_joints in joints.values() for joint in leg_joints}
+    if not findings:
+        findings = [
             Finding(("limb_radii", name), "no leg moves it; expected a joint of a leg")
             for name in spec.limb_radii
-            if name not in moved
+            if name not in moved_joints
         ]
-    if not needs_shapes_of(spec, joints):
-        named = {}  # no mesh is looked at
-    for name, number in named.items():
+    if not requires_shapes(spec, joints):
+        mesh_lines = {}  # no mesh is looked at
+    for name, number in mesh_lines.items():
         try:
-            meshes[name] = mesh_path(name, tree.path, spec.packages, directory)
+            meshes[name] = find_mesh(name, tree.path, spec.packages, directory)
         except UrdfFault as fault:
             key = "packages" if fault.message.startswith("package") else "urdf"
             cure = "or `limb_radius` and `body_half_size`, with which no mesh is read"
-            found.append(Finding((key,), f"{tree.at(number)}: {fault.message}, {cure}"))
-    if found:
-        return None, below(path, list(dict.fromkeys(found)))
+            findings.append(Finding((key,), f"{tree.at(number)}: {fault.message}, {cure}"))
+    if findings:
+        return None, prefix_findings(path, list(dict.fromkeys(findings)))
     return UrdfRobot(spec, tree, base, joints, meshes, document, path, directory), []
 
 
-def _told(spec: UrdfRobotSpec, fault: UrdfFault) -> Finding:
+def _report_fault(spec: UrdfRobotSpec, fault: UrdfFault) -> Finding:
     line = f"{Path(spec.urdf).name} line {fault.line}: " if fault.line else ""
     return Finding(("urdf",), f"{line}{fault.message}")

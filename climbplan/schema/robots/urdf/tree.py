@@ -15,15 +15,15 @@ from pathlib import Path
 from typing import TypeVar
 
 from climbplan.schema.robots.ranges import ANGLE, LENGTH, MASS, PLACE
-from climbplan.schema.robots.urdf.encoding import decoded
+from climbplan.schema.robots.urdf.encoding import decode_xml
 from climbplan.schema.robots.xml import (
     Element,
     UrdfFault,
     UrdfFaults,
-    number_of,
-    parsed,
-    text_of,
-    vector_of,
+    read_number_attribute,
+    parse_xml,
+    read_text_attribute,
+    read_vector_attribute,
 )
 
 _NAMESPACE = re.compile(r"https?://(www\.)?(wiki\.)?ros\.org/(wiki/)?xacro/?")
@@ -31,7 +31,7 @@ _TO_EXPAND = re.compile(r"\$[{(]")
 _ENDINGS = (".xacro", ".urdf", ".xml")
 
 
-def refuse_xacro(root: Element, path: Path) -> None:
+def reject_xacro(root: Element, path: Path) -> None:
     """Raise UrdfFault where an element or a `${...}` is left for xacro.
 
     A file that only names xacro's namespace, as what xacro writes does, has nothing left.
@@ -45,34 +45,36 @@ def refuse_xacro(root: Element, path: Path) -> None:
     for element in root.walk():
         prefix, colon, _ = element.tag.partition(":")
         if colon and prefix in prefixes:
-            raise _not_made(f"<{element.tag}>", element, path)
+            raise _report_xacro(f"<{element.tag}>", element, path)
     # Parts of other programs (<gazebo>, <transmission>) may hold a `$(...)` of their own
-    for part in (root, *(c for c in root.children if c.tag in ("link", "joint"))):
-        for element in [root] if part is root else part.walk():
+    for section in (root, *(c for c in root.children if c.tag in ("link", "joint"))):
+        for element in [root] if section is root else section.walk():
             for value in element.attributes.values():
                 if _TO_EXPAND.search(value):
-                    raise _not_made(repr(value[:40]), element, path)
+                    raise _report_xacro(repr(value[:40]), element, path)
 
 
-def _not_made(what: str, element: Element, path: Path) -> UrdfFault:
-    made = _free_name(path)
-    command = f"xacro {shlex.quote(str(path))} > {shlex.quote(str(made))}"
+def _report_xacro(what: str, element: Element, path: Path) -> UrdfFault:
+    output = _choose_output_path(path)
+    command = f"xacro {shlex.quote(str(path))} > {shlex.quote(str(output))}"
     return UrdfFault(
         f"{what} is left for xacro to expand; make the URDF with `{command}` and name that",
         element.line,
     )
 
 
-def _free_name(path: Path) -> Path:
-    """Where to write the URDF to: never over the file itself nor over another one."""
+def _choose_output_path(path: Path) -> Path:
+    """Return where to write the URDF to: never over the file itself nor over another one."""
     stem = path.name
     while stem.endswith(_ENDINGS) and Path(stem).stem:
         stem = Path(stem).stem
     names = [f"{stem}.urdf", f"{stem}_expanded.urdf"]
     names += [f"{stem}_expanded_{number}.urdf" for number in range(2, 100)]
-    taken = path.name.lower()
-    free = (path.with_name(name) for name in names if name.lower() != taken)
-    return next((other for other in free if not other.exists()), path.with_name(names[-1]))
+    input_name = path.name.lower()
+    candidates = (path.with_name(name) for name in names if name.lower() != input_name)
+    return next(
+        (candidate for candidate in candidates if not candidate.exists()), path.with_name(names[-1])
+    )
 
 
 LARGEST_URDF = 20_000_000  # [bytes]
@@ -130,17 +132,17 @@ class UrdfJoint:
 
     @property
     def turns(self) -> bool:
-        """Whether it turns about its axis."""
+        """Return whether it turns about its axis."""
         return self.kind in TURNING
 
     @property
     def slides(self) -> bool:
-        """Whether it slides along its axis."""
+        """Return whether it slides along its axis."""
         return self.kind == SLIDING
 
     @property
     def moves(self) -> bool:
-        """Whether it is a joint that a leg may have."""
+        """Return whether it is a joint that a leg may have."""
         return self.turns or self.slides
 
 
@@ -190,32 +192,32 @@ class UrdfTree:
         return mass
 
     def at(self, line: int) -> str:
-        """Where something is written: `robot.urdf line 12`."""
+        """Return where something is written: `robot.urdf line 12`."""
         return f"{self.path.name} line {line}"
 
     def way_to(self, link: str, base: str) -> list[UrdfJoint] | None:
-        """Joints from `base` to `link`, None if they are not connected that way."""
-        carried, here = self.by_child, link
-        way: list[UrdfJoint] = []
-        while here != base:
-            joint = carried.get(here)
-            if joint is None or len(way) > len(self.joints):
+        """Return joints from `base` to `link`, None if they are not connected that way."""
+        carried, link_name = self.by_child, link
+        chain: list[UrdfJoint] = []
+        while link_name != base:
+            joint = carried.get(link_name)
+            if joint is None or len(chain) > len(self.joints):
                 return None
-            way.append(joint)
-            here = joint.parent
-        return way[::-1]
+            chain.append(joint)
+            link_name = joint.parent
+        return chain[::-1]
 
 
 Entry = TypeVar("Entry", UrdfLink, UrdfJoint)
 
 
 def read_urdf(path: Path) -> UrdfTree:
-    """The tree of a URDF file, or of an MJCF file, which is written as URDF first.
+    """Return the tree of a URDF file, or of an MJCF file, which is written as URDF first.
 
     Raises UrdfFault for a file that is missing, too large or neither, UrdfFaults with all that is
     wrong in one, and MissingSolver for an MJCF file without MuJoCo.
     """
-    from climbplan.schema.robots.mjcf.as_urdf import mjcf_as_urdf
+    from climbplan.schema.robots.mjcf.as_urdf import convert_mjcf_to_urdf
 
     try:
         if path.is_dir():
@@ -228,38 +230,38 @@ def read_urdf(path: Path) -> UrdfTree:
         raise UrdfFault(f"{path}: cannot be read: {error}") from error
     if len(content) > LARGEST_URDF:
         raise UrdfFault(f"too large, a URDF has {LARGEST_URDF / 1e6:.0f} MB at most")
-    text = decoded(content)
-    root = parsed(text)
+    text = decode_xml(content)
+    root = parse_xml(text)
     if root.tag == "mujoco":
-        text = mjcf_as_urdf(path, root)
+        text = convert_mjcf_to_urdf(path, root)
     elif root.tag == "sdf":
         raise UrdfFault(_NO_SDF, root.line)
-    return urdf_of_text(text, path)
+    return parse_urdf(text, path)
 
 
-def urdf_of_text(text: str, path: Path) -> UrdfTree:
-    """The tree of a URDF's text, `path` the file that it is from.
+def parse_urdf(text: str, path: Path) -> UrdfTree:
+    """Return the tree of a URDF's text, `path` the file that it is from.
 
     Raises UrdfFault for what is no URDF, and UrdfFaults with all that is wrong in one.
     """
-    root = parsed(text)
+    root = parse_xml(text)
     if root.tag != "robot":
         expected = "expected <robot>, or <mujoco> of an MJCF file,"
         raise UrdfFault(f"{expected} as the first element, got <{root.tag}>", root.line)
-    refuse_xacro(root, path)
+    reject_xacro(root, path)
     for element in root.walk():
-        element.line = int(number_of(element, "from_line") or element.line)
+        element.line = int(read_number_attribute(element, "from_line") or element.line)
     faults: list[UrdfFault] = []
-    links = _named(_read(_link, root.all("link"), faults), "link", faults)
-    joints = _named(_read(_joint, root.all("joint"), faults), "joint", faults)
+    links = _index_by_name(_read_entries(_read_link, root.all("link"), faults), "link", faults)
+    joints = _index_by_name(_read_entries(_read_joint, root.all("joint"), faults), "joint", faults)
     if not root.all("link"):
         faults.append(UrdfFault("no <link> in it"))
-    known = {element.attributes.get("name") for element in root.all("link")}
+    link_names = {element.attributes.get("name") for element in root.all("link")}
     faults += [
         UrdfFault(f"{role} of joint {joint.name!r} is no link: {name!r}", joint.line)
         for joint in joints.values()
         for role, name in (("parent", joint.parent), ("child", joint.child))
-        if name not in known
+        if name not in link_names
     ]
     if faults:
         raise UrdfFaults(sorted(faults, key=lambda fault: fault.line or 0))
@@ -267,7 +269,7 @@ def urdf_of_text(text: str, path: Path) -> UrdfTree:
     return UrdfTree(path, text, name, links, joints)
 
 
-def _read(
+def _read_entries(
     reader: Callable[[Element], Entry], elements: list[Element], faults: list[UrdfFault]
 ) -> list[Entry]:
     out = []
@@ -279,7 +281,7 @@ def _read(
     return out
 
 
-def _named(entries: list[Entry], what: str, faults: list[UrdfFault]) -> dict[str, Entry]:
+def _index_by_name(entries: list[Entry], what: str, faults: list[UrdfFault]) -> dict[str, Entry]:
     out: dict[str, Entry] = {}
     for entry in entries:
         if entry.name in out:
@@ -288,66 +290,72 @@ def _named(entries: list[Entry], what: str, faults: list[UrdfFault]) -> dict[str
     return out
 
 
-def _link(element: Element) -> UrdfLink:
+def _read_link(element: Element) -> UrdfLink:
     inertial = element.first("inertial")
     mass = 0.0
     if inertial is not None:
-        given = number_of(inertial.first("mass"), "value")
-        if given is None or inertial.first("inertia") is None:
+        stated_mass = read_number_attribute(inertial.first("mass"), "value")
+        if stated_mass is None or inertial.first("inertia") is None:
             raise UrdfFault("<inertial> without <mass value=...> or <inertia>", inertial.line)
-        if given > MASS.high:  # links may be as light as nothing
-            message = f"<mass>: expected {MASS.high:g} kg at most, got {given:g}"
+        if stated_mass > MASS.high:  # links may be as light as nothing
+            message = f"<mass>: expected {MASS.high:g} kg at most, got {stated_mass:g}"
             raise UrdfFault(message, inertial.line)
-        mass = given
-        _inertia(inertial.first("inertia"))
-        _origin(inertial)
+        mass = stated_mass
+        _check_inertia(inertial.first("inertia"))
+        _check_origin(inertial)
     meshes = []
     for collision in element.all("collision"):
-        _origin(collision)
-        shape = _shape(collision)
+        _check_origin(collision)
+        shape = _read_shape(collision)
         if shape.tag == "mesh":
-            meshes.append((text_of(shape, "filename"), shape.line))
+            meshes.append((read_text_attribute(shape, "filename"), shape.line))
     collides = bool(element.all("collision"))
-    return UrdfLink(text_of(element, "name"), element.line, mass, tuple(meshes), collides)
+    return UrdfLink(
+        read_text_attribute(element, "name"), element.line, mass, tuple(meshes), collides
+    )
 
 
-def _inertia(element: Element | None) -> None:
+def _check_inertia(element: Element | None) -> None:
     """Refuse moments of inertia that are missing or no numbers: Pinocchio would drop them all."""
     if element is None:
         return
     for name in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"):
-        if number_of(element, name) is None:
+        if read_number_attribute(element, name) is None:
             raise UrdfFault(f"<inertia> without `{name}`", element.line)
 
 
-def _origin(holder: Element) -> None:
+def _check_origin(holder: Element) -> None:
     """Refuse a place that is not three numbers each, or one out of this world."""
     for origin in holder.all("origin"):
         for name, allowed in (("xyz", PLACE), ("rpy", ANGLE)):
-            values = vector_of(origin, name) or (0.0, 0.0, 0.0)
+            values = read_vector_attribute(origin, name) or (0.0, 0.0, 0.0)
             if not all(allowed.holds(value) for value in values):
-                got = " ".join(f"{value:g}" for value in values)
-                message = f"`{name}` of <origin>: expected {allowed.expected}, got {got}"
+                text = " ".join(f"{value:g}" for value in values)
+                message = f"`{name}` of <origin>: expected {allowed.expected}, got {text}"
                 raise UrdfFault(message, origin.line)
 
 
-def _shape(collision: Element) -> Element:
-    """The one shape of a <collision>."""
+def _read_shape(collision: Element) -> Element:
+    """Return the one shape of a <collision>."""
     geometry = collision.first("geometry")
     shapes = [] if geometry is None else geometry.children
     if len(shapes) != 1 or shapes[0].tag not in _SHAPES:
-        got = ", ".join(f"<{shape.tag}>" for shape in shapes) or "none"
+        text = ", ".join(f"<{shape.tag}>" for shape in shapes) or "none"
         raise UrdfFault(
-            f"<collision> with one shape expected, {', '.join(_SHAPES)}; got {got}", collision.line
+            f"<collision> with one shape expected, {', '.join(_SHAPES)}; got {text}", collision.line
         )
     shape = shapes[0]
-    scale = vector_of(shape, "scale") if shape.tag == "mesh" else None
-    if scale is not None and not all(0 < abs(part) <= _LARGEST_SCALE for part in scale):
-        got = " ".join(f"{part:g}" for part in scale)
+    scale = read_vector_attribute(shape, "scale") if shape.tag == "mesh" else None
+    if scale is not None and not all(0 < abs(factor) <= _LARGEST_SCALE for factor in scale):
+        text = " ".join(f"{factor:g}" for factor in scale)
         expected = f"three numbers up to {_LARGEST_SCALE:g}, none of them zero"
-        raise UrdfFault(f"`scale` of <mesh>: expected {expected}, got {got}", shape.line)
+        raise UrdfFault(f"`scale` of <mesh>: expected {expected}, got {text}", shape.line)
     for name in _SHAPES[shape.tag]:
-        sizes = vector_of(shape, name) if name == "size" else (number_of(shape, name) or 0.0,)
+        sizes = (
+            read_vector_attribute(shape, name)
+            if name == "size"
+            else (read_number_attribute(shape, name) or 0.0,)
+        )
         if sizes is None or min(sizes) <= 0:
             raise UrdfFault(f"<{shape.tag}>: expected `{name}` > 0", shape.line)
         if max(sizes) > LENGTH.high:
@@ -356,30 +364,33 @@ def _shape(collision: Element) -> Element:
     return shape
 
 
-def _joint(element: Element) -> UrdfJoint:
-    name, kind = text_of(element, "name"), text_of(element, "type")
+def _read_joint(element: Element) -> UrdfJoint:
+    name, kind = read_text_attribute(element, "name"), read_text_attribute(element, "type")
     ends = []
     for role in ("parent", "child"):
         holder = element.first(role)
         if holder is None:
             raise UrdfFault(f"joint {name!r} has no <{role}>", element.line)
-        ends.append(text_of(holder, "link"))
+        ends.append(read_text_attribute(holder, "link"))
     if kind not in _KINDS:
         expected = ", ".join(_KINDS)
         raise UrdfFault(f"joint {name!r} has the type {kind!r}, expected {expected}", element.line)
-    _origin(element)
+    _check_origin(element)
     axis = element.first("axis")
     if kind not in ("fixed", "floating") and axis is not None:
-        direction = vector_of(axis, "xyz") or (0.0, 0.0, 0.0)
+        direction = read_vector_attribute(axis, "xyz") or (0.0, 0.0, 0.0)
         if math.hypot(*direction) < _SHORTEST:
             raise UrdfFault(f"joint {name!r}: expected an axis of some length", axis.line)
     limit, mimic = element.first("limit"), element.first("mimic")
     lower, upper = -math.inf, math.inf
     if kind in ("revolute", SLIDING):
-        lower, upper = number_of(limit, "lower") or 0.0, number_of(limit, "upper") or 0.0
+        lower, upper = (
+            read_number_attribute(limit, "lower") or 0.0,
+            read_number_attribute(limit, "upper") or 0.0,
+        )
     dynamics = element.first("dynamics")
     for attribute in ("damping", "friction", "armature"):
-        stated = number_of(dynamics, attribute) or 0.0
+        stated = read_number_attribute(dynamics, attribute) or 0.0
         if not 0 <= stated <= _LARGEST_DYNAMICS:
             message = f"<dynamics {attribute}> of joint {name!r}: expected 0 to "
             line = element.line if dynamics is None else dynamics.line
@@ -392,20 +403,20 @@ def _joint(element: Element) -> UrdfJoint:
         child=ends[1],
         lower=lower,
         upper=upper,
-        effort=number_of(limit, "effort"),
-        velocity=number_of(limit, "velocity"),
+        effort=read_number_attribute(limit, "effort"),
+        velocity=read_number_attribute(limit, "velocity"),
         # A joint that does not move follows nothing: reduced models leave the element behind
-        mimic=None if mimic is None or kind == "fixed" else _mimic(mimic),
-        damping=number_of(dynamics, "damping") or 0.0,
-        friction=number_of(dynamics, "friction") or 0.0,
-        armature=number_of(dynamics, "armature") or None,
+        mimic=None if mimic is None or kind == "fixed" else _read_mimic(mimic),
+        damping=read_number_attribute(dynamics, "damping") or 0.0,
+        friction=read_number_attribute(dynamics, "friction") or 0.0,
+        armature=read_number_attribute(dynamics, "armature") or None,
     )
 
 
-def _mimic(element: Element) -> Mimic:
-    multiplier = number_of(element, "multiplier")
+def _read_mimic(element: Element) -> Mimic:
+    multiplier = read_number_attribute(element, "multiplier")
     return Mimic(
-        joint=text_of(element, "joint"),
+        joint=read_text_attribute(element, "joint"),
         multiplier=1.0 if multiplier is None else multiplier,
-        offset=number_of(element, "offset") or 0.0,
+        offset=read_number_attribute(element, "offset") or 0.0,
     )

@@ -29,36 +29,43 @@ def verify_certificates(certified: CertifiedRows, problem: Problem | None = None
 
     Raises UsageError if the parameters are not those of the problem.
     """
-    checks = tuple(_checks(certified, problem))
+    checks = tuple(_iterate_checks(certified, problem))
     return Verification(checks, beyond=() if problem is not None else (_NO_STATEMENT,))
 
 
-def _checks(certified: CertifiedRows, problem: Problem | None) -> Iterator[Check]:
+def _iterate_checks(certified: CertifiedRows, problem: Problem | None) -> Iterator[Check]:
     digest = hashlib.sha256(certified.spec_text.encode()).hexdigest()
-    yield _check("file.spec_hash", float(digest != certified.spec_sha256), 0.0)
+    yield _build_check("file.spec_hash", float(digest != certified.spec_sha256), 0.0)
     if problem is not None:
-        found = [_differences(row, problem) for row in certified.rows]
-        words = [", ".join(names) for names in found]
-        yield _worst("certificate.statement", [float(len(names)) for names in found], 0.0, words)
+        differences = [_find_differences(row, problem) for row in certified.rows]
+        difference_texts = [", ".join(names) for names in differences]
+        yield _check_worst(
+            "certificate.statement",
+            [float(len(names)) for names in differences],
+            0.0,
+            difference_texts,
+        )
     verdicts = [check(row.instance, row.certificate) for row in certified.rows]
     faults = [verdict.faults[0] if verdict.faults else "" for verdict in verdicts]
-    yield _worst("certificate.proof", [float(bool(f)) for f in faults], 0.0, faults)
+    yield _check_worst("certificate.proof", [float(bool(f)) for f in faults], 0.0, faults)
     pairs = list(zip(certified.rows, verdicts, strict=True))
-    yield _worst("certificate.bound", [_overclaimed(*pair) for pair in pairs], _CLAIMED)
-    off = [
+    yield _check_worst("certificate.bound", [_compute_overclaim(*pair) for pair in pairs], _CLAIMED)
+    violations = [
         float(row.instance.violation(row.x, row.assignment))
         for row in certified.rows
         if row.x is not None
     ]
-    if off:
-        yield _worst("certificate.point", off, certified.tolerance)
-    if proved := [_gap(*pair) for pair in pairs if pair[0].status == "optimal"]:
-        yield _worst("certificate.gap", proved, certified.gap * (1.0 + 1e-6))
-    if empty := [v for row, v in pairs if row.status == "infeasible"]:
-        yield _worst("certificate.infeasible", [float(v.bound < np.inf) for v in empty], 0.0)
+    if violations:
+        yield _check_worst("certificate.point", violations, certified.tolerance)
+    if gaps := [_compute_gap(*pair) for pair in pairs if pair[0].status == "optimal"]:
+        yield _check_worst("certificate.gap", gaps, certified.gap * (1.0 + 1e-6))
+    if infeasible_verdicts := [v for row, v in pairs if row.status == "infeasible"]:
+        yield _check_worst(
+            "certificate.infeasible", [float(v.bound < np.inf) for v in infeasible_verdicts], 0.0
+        )
 
 
-def _overclaimed(row: CertifiedRow, verdict: Verdict) -> float:
+def _compute_overclaim(row: CertifiedRow, verdict: Verdict) -> float:
     """By how much the claim is more than what is proved, relative."""
     claimed = row.certificate.bound
     if np.isnan(claimed):
@@ -68,49 +75,49 @@ def _overclaimed(row: CertifiedRow, verdict: Verdict) -> float:
     return float((claimed - verdict.bound) / max(abs(claimed), 1e-9))
 
 
-def _gap(row: CertifiedRow, verdict: Verdict) -> float:
+def _compute_gap(row: CertifiedRow, verdict: Verdict) -> float:
     """Between the answer and what is proved."""
     if row.x is None:
         return np.inf
     return relative_gap(row.instance.objective(row.x), verdict.bound)
 
 
-def _differences(row: CertifiedRow, problem: Problem) -> list[str]:
+def _find_differences(row: CertifiedRow, problem: Problem) -> list[str]:
     """Return which numbers of a row are not those of the statement at its parameters."""
     stated = problem.instance(problem.split(row.parameters))
     return [
         field.name
         for field in fields(stated)
-        if not _same(getattr(stated, field.name), getattr(row.instance, field.name))
+        if not _is_equal(getattr(stated, field.name), getattr(row.instance, field.name))
     ]
 
 
-def _same(one: Any, other: Any) -> bool:
+def _is_equal(stored: Any, expected: Any) -> bool:
     """Return whether two values, matrices or records of them say the same to the last digit."""
-    if sparse.issparse(one):
-        return one.shape == other.shape and (sparse.csr_matrix(one) != other).nnz == 0
-    if isinstance(one, np.ndarray):
-        return np.array_equal(one, other)
-    if isinstance(one, tuple):
-        return len(one) == len(other) and all(map(_same, one, other))
-    if is_dataclass(one):
-        if type(one) is not type(other):
+    if sparse.issparse(stored):
+        return stored.shape == expected.shape and (sparse.csr_matrix(stored) != expected).nnz == 0
+    if isinstance(stored, np.ndarray):
+        return np.array_equal(stored, expected)
+    if isinstance(stored, tuple):
+        return len(stored) == len(expected) and all(map(_is_equal, stored, expected))
+    if is_dataclass(stored):
+        if type(stored) is not type(expected):
             return False
-        names = [field.name for field in fields(one) if field.name != "vertices"]
-        return all(_same(getattr(one, name), getattr(other, name)) for name in names)
-    return bool(one == other)
+        names = [field.name for field in fields(stored) if field.name != "vertices"]
+        return all(_is_equal(getattr(stored, name), getattr(expected, name)) for name in names)
+    return bool(stored == expected)
 
 
-def _worst(
-    name: str, residuals: list[float], limit: float, words: list[str] | None = None
+def _check_worst(
+    name: str, residuals: list[float], limit: float, details: list[str] | None = None
 ) -> Check:
-    at = int(np.argmax(residuals))
-    place = f"row {at}" if residuals[at] > limit else ""
-    if place and words is not None:
-        place += f": {words[at]}"
-    return _check(name, residuals[at], limit, place)
+    worst_row = int(np.argmax(residuals))
+    place = f"row {worst_row}" if residuals[worst_row] > limit else ""
+    if place and details is not None:
+        place += f": {details[worst_row]}"
+    return _build_check(name, residuals[worst_row], limit, place)
 
 
-def _check(name: str, residual: float, limit: float, place: str = "") -> Check:
+def _build_check(name: str, residual: float, limit: float, place: str = "") -> Check:
     passed = bool(residual <= limit)
     return Check(name, residual, limit, "", passed, "", place, residual / limit if limit else 0.0)

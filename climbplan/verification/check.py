@@ -90,7 +90,7 @@ LIMITS = {
     "trajectory.self_collision": Limit(1e-6, "m", "links miss other limbs and the body on the way"),
 }
 
-# Made beside these where the spec lets the body leave its straight way (`steps.shift_max`).
+# Made beside these where the spec lets the body leave its straight way (`steps.com_shift_max`).
 SHIFT_LIMITS = {
     "steps.shift": Limit(1e-6, "m", "the body, at lifts, off its straight way as far as it may"),
 }
@@ -182,7 +182,7 @@ class Check:
 
     @property
     def mark(self) -> str:
-        """How it went, in a word: "passed", "failed" or "not judged"."""
+        """Return how it went, in a word: "passed", "failed" or "not judged"."""
         if not self.passed:
             return "failed"
         return "passed" if self.judged else "not judged"
@@ -202,7 +202,7 @@ class Check:
         return self.residual / self.limit
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON; a residual that is not finite becomes None."""
+        """Return plain values for JSON; a residual that is not finite becomes None."""
         return {
             "name": self.name,
             "residual": self.residual if math.isfinite(self.residual) else None,
@@ -225,7 +225,7 @@ class Check:
 def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
-    """A check by its name in the tables of limits; NaN never passes."""
+    """Return a check by its name in the tables of limits; NaN never passes."""
     limit = (
         LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS | FEET_LIMITS | SOLE_LIMITS
     )[name]
@@ -234,8 +234,8 @@ def judge(
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))
 
 
-def unjudged(check: Check, reason: str, model: str = "", words: str = "") -> Check:
-    """A check whose figure is told but decides nothing.
+def mark_unjudged(check: Check, reason: str, model: str = "", details_text: str = "") -> Check:
+    """Return a check whose figure is told but decides nothing.
 
     model, words: of what the plan lacks without it, which counts only where the figure is beyond
     the check's limit. `words` may hold `{figure}`, which becomes margin or residual.
@@ -248,13 +248,15 @@ def unjudged(check: Check, reason: str, model: str = "", words: str = "") -> Che
         judged=False,
         used=0.0,
         margin=f"not judged ({reason}): {figure}",
-        left_out=LeftOut(model, words.format(figure=figure)) if lacks else None,
+        left_out=LeftOut(model, details_text.format(figure=figure)) if lacks else None,
     )
 
 
-def not_compared(check: Check, margin: str, model: str, words: str) -> Check:
-    """A check that the file alone does not allow: what it would compare is the plan's own word."""
-    lacks = LeftOut(model, words)
+def mark_not_compared(check: Check, margin: str, model: str, details_text: str) -> Check:
+    """Return a check that the file alone does not allow: what it would compare is the plan's own
+    word.
+    """
+    lacks = LeftOut(model, details_text)
     return replace(check, judged=False, margin=f"not compared, {margin}", left_out=lacks)
 
 
@@ -265,7 +267,7 @@ def judge_worst(
     margin: str = "",
     used: Array | None = None,
 ) -> Check:
-    """A check over many places; NaN anywhere counts as the worst.
+    """Return a check over many places; NaN anywhere counts as the worst.
 
     residuals: any shape; used: what part of a bound each place uses up, of the same shape.
     `where` is called with the indices of the worst place: of the largest residual or, while the
@@ -281,6 +283,6 @@ def judge_worst(
     return replace(check, worst_at=where(*(int(i) for i in worst)))
 
 
-def faults_check(name: str, faults: Sequence[str]) -> Check:
-    """A check that counts faults and names the first."""
+def check_faults(name: str, faults: Sequence[str]) -> Check:
+    """Return a check that counts faults and names the first."""
     return judge(name, float(len(faults)), faults[0] if faults else "")

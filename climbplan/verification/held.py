@@ -31,7 +31,7 @@ class Against:
     differences: tuple[KeyDifference, ...] = ()  # from the user's own spec
 
     def __str__(self) -> str:
-        """One line, hash first."""
+        """Return one line, hash first."""
         text = f"{self.sha256[:_SHOWN]}…  {self.where}"
         if self.sha256 == self.stored_sha256:
             return text
@@ -40,7 +40,7 @@ class Against:
         return f"{text} (the plan's own is {self.stored_sha256[:_SHOWN]}…: {keys})"
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         return {
             "sha256": self.sha256,
             "where": self.where,
@@ -49,16 +49,16 @@ class Against:
         }
 
 
-def held_against(plan: Carries, held: HeldSpec | None) -> Against:
-    """The spec that a plan is held against; the hashes are those of the texts themselves."""
+def describe_reference(plan: Carries, user_spec: HeldSpec | None) -> Against:
+    """Return the spec that a plan is held against; the hashes are those of the texts themselves."""
     stored = hashlib.sha256(plan.spec_text.encode()).hexdigest()
-    if held is None:
+    if user_spec is None:
         return Against(stored, f"stored in the plan ({plan.name})", stored)
-    return Against(held.sha256, held.source, stored, held.differences)
+    return Against(user_spec.sha256, user_spec.source, stored, user_spec.differences)
 
 
-def held_check(held: HeldSpec) -> Check:
+def check_spec_differences(user_spec: HeldSpec) -> Check:
     """No key differs that the plan's other checks do not judge anew."""
-    broken = held.broken
+    broken = user_spec.broken
     place = str(broken[0]) if broken else ""
     return Check("spec.held", float(len(broken)), 0.0, "", not broken, "", place)

@@ -15,20 +15,20 @@ FRICTION = 2.0  # rubber on clean concrete is at 1.2, climbing shoes at 1.5
 _EARTH = (1.0, 25.0)  # [m/s^2] Moon to Jupiter
 
 
-def implausible_friction(name: str, friction: float) -> Iterator[str]:
-    """A friction coefficient that no dry pair of materials has."""
+def warn_of_friction(name: str, friction: float) -> Iterator[str]:
+    """Yield a friction coefficient that no dry pair of materials has."""
     if friction > FRICTION:
         yield f"friction {friction:g} of {name}: rubber on concrete has about 1"
 
 
-def implausible_force(largest: float, weight: float, where: str) -> Iterator[str]:
-    """A contact force [N] out of proportion to the robot's weight [N]."""
+def warn_of_force(largest: float, weight: float, where: str) -> Iterator[str]:
+    """Yield a contact force [N] out of proportion to the robot's weight [N]."""
     if weight > 0 and largest > FORCE_RATIO * weight:
         times = largest / weight
         yield f"a contact force of {largest:.0f} N, {times:.0f} times the robot's weight{where}"
 
 
-def implausible_gravity(gravity: float) -> Iterator[str]:
-    """A gravity [m/s^2] of no place where robots are."""
+def warn_of_gravity(gravity: float) -> Iterator[str]:
+    """Yield a gravity [m/s^2] of no place where robots are."""
     if not _EARTH[0] <= gravity <= _EARTH[1]:
         yield f"gravity {gravity:g} m/s^2: 9.81 on Earth"

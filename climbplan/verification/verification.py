@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from climbplan.errors import UnsoundPlan
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import amended_store, write_json, write_text
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import update_store, write_json, write_text
 from climbplan.verification.check import Check, LeftOut
 from climbplan.verification.held import Against
 from climbplan.verification.level import Level, advice_of, level_of
@@ -21,8 +21,8 @@ _NUMERIC = {1, 2}
 _MARKS = {"passed": "ok", "failed": "FAILED", "not judged": "not judged"}
 
 
-def check_table(checks: Sequence[Check]) -> str:
-    """A head and one line a check: failed ones first, then those that are not judged."""
+def format_check_table(checks: Sequence[Check]) -> str:
+    """Return a head and one line a check: failed ones first, then those that are not judged."""
     rows = [
         (
             check.name,
@@ -66,22 +66,22 @@ class Verification:
     beyond: tuple[LeftOut, ...] = ()  # what the world asks of such a plan and no check looks at
     implausible: tuple[str, ...] = ()  # data and deflections that no such robot has, in words
     against: Against | None = None  # the spec that the plan was held against
-    stands: str = ""  # "stands in 297 of 300 worlds", of plans that were judged in some
+    risk_summary: str = ""  # "stands in 297 of 300 worlds", of plans that were judged in some
 
     @property
     def passed(self) -> bool:
-        """Whether every check passed that is judged."""
+        """Return whether every check passed that is judged."""
         return all(check.passed for check in self.checks)
 
     @property
     def left_out(self) -> tuple[LeftOut, ...]:
-        """What the plan needs in the world and no check of it holds."""
-        own = (check.left_out for check in self.checks)
-        return tuple(dict.fromkeys([*self.beyond, *(out for out in own if out is not None)]))
+        """Return what the plan needs in the world and no check of it holds."""
+        omissions = (check.left_out for check in self.checks)
+        return tuple(dict.fromkeys([*self.beyond, *(out for out in omissions if out is not None)]))
 
     @property
     def badge(self) -> str:
-        """What can be said of the plan: "verified", "verified in its model (...)", or not."""
+        """Return what can be said of the plan: "verified", "verified in its model (...)", or not."""
         if not self.passed:
             return "not verified"
         if not self.model:
@@ -90,13 +90,13 @@ class Verification:
 
     @property
     def model(self) -> str:
-        """What the plan is verified in, "" where nothing is left out: "forward Euler"."""
+        """Return what the plan is verified in, "" where nothing is left out: "forward Euler"."""
         data = ["implausible data"] if self.implausible else []
         return ", ".join(dict.fromkeys([*data, *(out.model for out in self.left_out)]))
 
     @property
     def level(self) -> Level:
-        """Whether the plan is fine, is to be looked at, or must not be used."""
+        """Return whether the plan is fine, is to be looked at, or must not be used."""
         return level_of(
             num_failed=len(self.failed),
             implausible=bool(self.implausible),
@@ -116,7 +116,8 @@ class Verification:
 
     @property
     def objection(self) -> str:
-        """Why the plan must not be used: its failed checks, or else implausible data; "" if none.
+        """Return why the plan must not be used: its failed checks, or else implausible data; "" if
+        none.
 
         Not "" exactly where `level` is `do_not_use`.
         """
@@ -128,7 +129,9 @@ class Verification:
 
     @property
     def leaves_out(self) -> tuple[str, ...]:
-        """What that leaves out, in short phrases with figures; `implausible` stands beside it."""
+        """Return what that leaves out, in short phrases with figures; `implausible` stands beside
+        it.
+        """
         return tuple(dict.fromkeys(out.words for out in self.left_out))
 
     @property
@@ -163,15 +166,18 @@ class Verification:
         return max(self.checks, key=lambda check: check.used)
 
     def headline(self) -> str:
-        """One line: "31 checks, worst margin: force.friction, round 5, push 2, RF (S_mu 1.8)".
+        """Return one line: "31 checks, worst margin: force.friction, round 5, push 2, RF (S_mu
+        1.8)".
 
         Without the margin where no check tells how much of its bound is used up.
         """
         worst = self.tightest
         detail = f" ({worst.margin})" if worst.margin else ""
         place = f", {worst.worst_at}" if worst.worst_at else ""
-        told = sum(not check.judged for check in self.checks)
-        count = f"{len(self.checks)} checks" + (f", {told} not judged" if told else "")
+        num_unjudged = sum(not check.judged for check in self.checks)
+        count = f"{len(self.checks)} checks" + (
+            f", {num_unjudged} not judged" if num_unjudged else ""
+        )
         if self.failed:
             first = f"{len(self.failed)} of {len(self.checks)} checks failed, worst"
         elif worst.used <= 0:
@@ -181,11 +187,11 @@ class Verification:
         return f"{first}: {worst.name}{place}{detail}"
 
     def table(self) -> str:
-        """Aligned text, failed checks first, with margins and where the worst is."""
-        return check_table(self.checks)
+        """Return aligned text, failed checks first, with margins and where the worst is."""
+        return format_check_table(self.checks)
 
     def scope(self) -> dict[str, Any]:
-        """What the badge says, as plain values for JSON: of reports and of `as_dict`."""
+        """Return what the badge says, as plain values for JSON: of reports and of `as_dict`."""
         return {
             "level": self.level.value,
             "advice": self.advice,
@@ -194,17 +200,17 @@ class Verification:
             "leaves_out": list(self.leaves_out),
             "implausible": list(self.implausible),
             "fragile": list(self.fragile),
-            "stands": self.stands,
+            "stands": self.risk_summary,
             "verified_against": self.against.as_dict() if self.against is not None else None,
         }
 
     def as_dict(self) -> dict[str, Any]:
-        """Plain values for JSON."""
+        """Return plain values for JSON."""
         checks = [check.as_dict() for check in self.checks]
         return {"passed": self.passed, "checks": checks, **self.scope()}
 
 
-def stored_differences(path: Path, verification: Verification) -> tuple[str, ...]:
+def find_stored_differences(path: Path, verification: Verification) -> tuple[str, ...]:
     """Return in words what a plan file says of its own verification and this one does not.
 
     Attributes that the file does not have say nothing. Raises PlanFileError for a damaged file.
@@ -216,7 +222,7 @@ def stored_differences(path: Path, verification: Verification) -> tuple[str, ...
         "leaves_out": list(verification.leaves_out),
         "fragile": list(verification.fragile),
     }
-    with opened_store(path) as file:
+    with open_store(path) as file:
         reader = Reader(path, file)
         read: dict[str, Callable[[str, str], Any]] = {
             "verified": reader.flag,
@@ -242,7 +248,7 @@ def mark_verified(path: Path, verification: Verification) -> None:
     `implausible` and `fragile`.
     What a plan promises of falls (`risk`) stands in it already.
     """
-    with amended_store(path) as file:
+    with update_store(path) as file:
         file.attrs["verified"] = np.bool_(verification.passed)
         write_text(file, "level", verification.level.value)
         write_text(file, "badge", verification.badge)

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array
-from climbplan.exports.motion import BodyMotion, continuous_quaternions
+from climbplan.exports.motion import BodyMotion, unwrap_quaternions
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.schema.robots.urdf.mimics import resolve_mimic
@@ -31,15 +31,14 @@ class BaseLink:
     rotation: Array  # (3, 3) root link to body
 
     def motion(self, position: Array, rotation: Array) -> BodyMotion:
-        """Return the link's motion, of a body at `position` (T, 3) turned by `rotation` (T, 3, 3).
-        """
+        """Return the link's motion, of a body at `position` (T, 3) turned by `rotation` (T, 3, 3)."""
         quaternion = Rotation.from_matrix(rotation @ self.rotation).as_quat()
         return BodyMotion(
-            self.name, position + rotation @ self.position, continuous_quaternions(quaternion)
+            self.name, position + rotation @ self.position, unwrap_quaternions(quaternion)
         )
 
 
-def base_link(robot: UrdfRobot, chain: SerialChain, axes: Array) -> BaseLink:
+def build_base_link(robot: UrdfRobot, chain: SerialChain, axes: Array) -> BaseLink:
     """Return the root link of a robot's URDF in the body frame of a plan.
 
     Args:
@@ -52,16 +51,16 @@ def base_link(robot: UrdfRobot, chain: SerialChain, axes: Array) -> BaseLink:
         ValueError: The limbs of the plan are not those of its URDF.
     """
     model = build_urdf_model(robot)
-    offset = _origin_in_body(model, chain, axes)
-    turn = axes @ model.root_to_base_rotation
+    offset = _locate_origin(model, chain, axes)
+    root_rotation = axes @ model.root_to_base_rotation
     return BaseLink(
         name=robot.tree.roots[0],
-        position=offset - turn @ model.base_origin,
-        rotation=turn,
+        position=offset - root_rotation @ model.base_origin,
+        rotation=root_rotation,
     )
 
 
-def _origin_in_body(model: UrdfModel, chain: SerialChain, axes: Array) -> Array:
+def _locate_origin(model: UrdfModel, chain: SerialChain, axes: Array) -> Array:
     """Return (3,) origin of the link that is the body, in the body frame: from where its joints
     are.
     """
@@ -71,36 +70,36 @@ def _origin_in_body(model: UrdfModel, chain: SerialChain, axes: Array) -> Array:
         for leg in (model.read_leg(limb),)
         for name, point in zip(leg.names, leg.joints, strict=True)
     }
-    own = [
+    joint_points = [
         (name, chain.joint_zero[limb, j])
         for limb, names in enumerate(chain.names)
         for j, name in enumerate(names)
         if name
     ]
-    if missing := [name for name, _ in own if name not in places]:
+    if missing := [name for name, _ in joint_points if name not in places]:
         raise ValueError(f"its URDF has no joints {', '.join(missing)} in its legs")
-    offsets = np.array([point - axes @ places[name] for name, point in own])
-    off = float(np.ptp(offsets, axis=0).max())
-    if off > _AGREE:
+    offsets = np.array([point - axes @ places[name] for name, point in joint_points])
+    deviation = float(np.ptp(offsets, axis=0).max())
+    if deviation > _AGREE:
         raise ValueError(
             f"joints of {model.robot.name} in the plan are not where its URDF has them, "
-            f"{1e3 * off:.3g} mm off"
+            f"{1e3 * deviation:.3g} mm off"
         )
     return np.asarray(offsets.mean(axis=0))
 
 
-def urdf_facts(robot: UrdfRobot) -> Mapping[str, object]:
+def collect_urdf_facts(robot: UrdfRobot) -> Mapping[str, object]:
     """Return what a simulator of the URDF has to know of the robot file: held and mimic joints,
     toes.
     """
     mimics = {}
     for joint in robot.tree.joints.values():
-        by = resolve_mimic(robot.tree, joint)
-        if by is not None and joint.name not in robot.spec.held:
+        coupling = resolve_mimic(robot.tree, joint)
+        if coupling is not None and joint.name not in robot.spec.held:
             mimics[joint.name] = {
-                "joint": by.leader,
-                "multiplier": by.ratio,
-                "offset": by.offset,
+                "joint": coupling.leader,
+                "multiplier": coupling.ratio,
+                "offset": coupling.offset,
             }
     return {
         "base_link": robot.tree.roots[0],

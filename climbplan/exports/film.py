@@ -21,7 +21,7 @@ from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.film_frames import HEIGHT, WIDTH, Frames
 from climbplan.reports.viewer.scene import Scene
 from climbplan.simulation.pictures import Picture
-from climbplan.store.atomic_file import written_aside
+from climbplan.store.atomic_file import replace_atomically
 
 LONGEST = 12.0  # [s] of a film; what goes on for long in a longer plan is played faster
 _STILL = 1.5  # [s] that the end stands
@@ -48,55 +48,55 @@ def write_film(
     done. Raises UsageError for other names and scenes in which nothing moves, MissingSolver without
     MuJoCo, a graphics backend or, for MP4, its encoder.
     """
-    kind = _kind(path)
+    kind = _select_kind(path)
     if len(scene.time) < 2 or not scene.time[-1] > scene.time[0]:
         raise UsageError(f"{scene.title}: nothing in it moves, so there is no film of it")
-    times = film_times(scene.time[[0, -1]], scene.time[scene.marks], kind.rate)
-    still = path.with_suffix(".png")
+    times = schedule_frames(scene.time[[0, -1]], scene.time[scene.marks], kind.rate)
+    still_path = path.with_suffix(".png")
     middle = len(times) // 2
     with Frames(scene, headline) as frames:
 
-        def drawn() -> Iterator[Picture]:
+        def draw_frames() -> Iterator[Picture]:
             for number, time in enumerate(times):
                 yield frames.at(float(time))
                 progress((number + 1) / len(times))
 
-        with written_aside(path) as aside:
-            kind.write(drawn(), aside, kind.rate)
-        with written_aside(still) as aside:
+        with replace_atomically(path) as temporary_path:
+            kind.write(draw_frames(), temporary_path, kind.rate)
+        with replace_atomically(still_path) as temporary_path:
             picture = Image.fromarray(frames.at(float(times[middle])))
-            picture.quantize(192).save(aside, "PNG", optimize=True)
-    return still
+            picture.quantize(192).save(temporary_path, "PNG", optimize=True)
+    return still_path
 
 
-def film_times(ends: Array, marks: Array, rate: float) -> Array:
-    """Times of a plan [s] that are shown at a rate [Hz] one after the other.
+def schedule_frames(ends: Array, marks: Array, rate: float) -> Array:
+    """Return times of a plan [s] that are shown at a rate [Hz] one after the other.
 
     As time goes by where the plan takes no more than `LONGEST`. Otherwise none of the spans between
     marks lasts longer than makes all of them fit: long ones are played faster, short ones are not.
     """
     stops = np.unique(np.clip(np.concatenate([ends, marks]), ends[0], ends[1]))
     span = np.diff(stops)
-    shown = np.minimum(span, _longest_span(span))
-    at = np.linspace(0.0, shown.sum(), max(2, round(float(shown.sum()) * rate)))
-    times: Array = np.interp(at, np.concatenate([[0.0], np.cumsum(shown)]), stops)
+    shown_spans = np.minimum(span, _compute_span_limit(span))
+    film_clock = np.linspace(0.0, shown_spans.sum(), max(2, round(float(shown_spans.sum()) * rate)))
+    times: Array = np.interp(film_clock, np.concatenate([[0.0], np.cumsum(shown_spans)]), stops)
     return times
 
 
-def _longest_span(span: Array) -> float:
-    """The length to which spans are cut so that they take `LONGEST` together."""
+def _compute_span_limit(span: Array) -> float:
+    """Return the length to which spans are cut so that they take `LONGEST` together."""
     if span.sum() <= LONGEST:
         return float(span.max())
-    left, count = LONGEST, len(span)
+    remaining, count = LONGEST, len(span)
     for length in np.sort(span):
-        if length * count >= left:
-            return left / count
-        left -= float(length)
+        if length * count >= remaining:
+            return remaining / count
+        remaining -= float(length)
         count -= 1
     return float(span.max())
 
 
-def _kind(path: Path) -> _Kind:
+def _select_kind(path: Path) -> _Kind:
     kinds = {
         ".gif": _Kind(12.5, _write_gif),
         ".webp": _Kind(12.5, _write_webp),
@@ -107,20 +107,22 @@ def _kind(path: Path) -> _Kind:
     if path.is_dir() or not path.absolute().parent.is_dir():
         raise UsageError(f"{path}: no file can be written there")
     if path.suffix.lower() == ".mp4":
-        _encoder()
+        _load_encoder()
     return kinds[path.suffix.lower()]
 
 
-def _lasting(count: int, rate: float) -> list[int]:
-    """How long each picture stands [ms]."""
+def _list_durations(count: int, rate: float) -> list[int]:
+    """Return how long each picture stands [ms]."""
     return [round(1000 / rate)] * (count - 1) + [round(1000 * _STILL)]
 
 
 def _write_gif(pictures: Iterator[Picture], path: Path, rate: float) -> None:
     # One palette for all: pictures that differ little then differ in few pixels
     images = [Image.fromarray(picture) for picture in pictures]
-    few = images[:: max(1, len(images) // 6)]
-    sample = Image.fromarray(np.concatenate([np.asarray(image)[::2, ::2] for image in few]))
+    sample_images = images[:: max(1, len(images) // 6)]
+    sample = Image.fromarray(
+        np.concatenate([np.asarray(image)[::2, ::2] for image in sample_images])
+    )
     palette = sample.quantize(_COLORS)
     frames = [image.quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     frames[0].save(
@@ -130,13 +132,13 @@ def _write_gif(pictures: Iterator[Picture], path: Path, rate: float) -> None:
         append_images=frames[1:],
         loop=0,
         optimize=False,  # which would give each picture a palette of its own
-        duration=_lasting(len(frames), rate),
+        duration=_list_durations(len(frames), rate),
     )
 
 
 def _write_webp(pictures: Iterator[Picture], path: Path, rate: float) -> None:
     images = [Image.fromarray(picture) for picture in pictures]
-    lasting = _lasting(len(images), rate)
+    lasting = _list_durations(len(images), rate)
     images[0].save(
         path,
         "WEBP",
@@ -150,7 +152,7 @@ def _write_webp(pictures: Iterator[Picture], path: Path, rate: float) -> None:
 
 
 def _write_mp4(pictures: Iterator[Picture], path: Path, rate: float) -> None:
-    writer = _encoder().write_frames(
+    writer = _load_encoder().write_frames(
         str(path), (WIDTH, HEIGHT), fps=rate, codec="libx264", quality=7, macro_block_size=16,
         output_params=["-f", "mp4"], ffmpeg_log_level="error",
     )  # fmt: skip
@@ -166,7 +168,7 @@ def _write_mp4(pictures: Iterator[Picture], path: Path, rate: float) -> None:
         writer.close()
 
 
-def _encoder() -> Any:
+def _load_encoder() -> Any:
     try:
         return import_module("imageio_ffmpeg")
     except ImportError as error:

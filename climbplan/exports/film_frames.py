@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation, Slerp
 from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.reports import palette
-from climbplan.reports.viewer.camera import followed, moving
-from climbplan.reports.viewer.scene import Scene, Shape, Solids, between, outline
+from climbplan.reports.viewer.camera import compute_camera_path, measure_moving_parts
+from climbplan.reports.viewer.scene import Scene, Shape, Solids, interpolate, compute_outline
 from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Picture
 
@@ -49,13 +49,13 @@ class Frames:
                 f"{scene.title}: a terrain of {triangles} triangles, a film draws at most "
                 f"{_MOST_TRIANGLES}; a smaller `crop` of the scan has fewer"
             )
-        self._middle, self._extent = moving(scene)
-        model = _model(mujoco, scene.solids)
+        self._middle, self._extent = measure_moving_parts(scene)
+        model = _build_model(mujoco, scene.solids)
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
-        room = 200 + triangles + 4 * _MOST_OUTLINES + _count(scene)
+        max_geoms = 200 + triangles + 4 * _MOST_OUTLINES + _count_geoms(scene)
         try:
-            self._renderer = mujoco.Renderer(model, HEIGHT, WIDTH, max_geom=room)
+            self._renderer = mujoco.Renderer(model, HEIGHT, WIDTH, max_geom=max_geoms)
         except Exception as error:  # graphics libraries raise errors of many kinds
             raise MissingSolver(
                 f"no film: {type(error).__name__}: {error}; install EGL or OSMesa (libegl1, "
@@ -68,13 +68,13 @@ class Frames:
         self._renderer.update_scene(data, self._camera)
         self._model, self._data = model, data
         self._pen = _Pen(mujoco, self._renderer.scene)
-        toward = _toward_camera(scene)
+        toward = _compute_view_direction(scene)
         foremost = float((self._middle @ toward).max())
         for shape in scene.shapes:
             # What stands wholly before all that moves, as the front wall of a room, would hide it
             if float((shape.vertices @ toward).min()) < foremost:
                 self._shape(shape)
-        self._force = _usual_force(scene)
+        self._force = _compute_typical_force(scene)
         self._still = self._renderer.scene.ngeom
         self._large, self._small = (ImageFont.load_default(size) for size in (26, 19))
 
@@ -90,8 +90,8 @@ class Frames:
         self._renderer.close()
 
     def at(self, time: float) -> Picture:
-        """The picture (HEIGHT, WIDTH, 3) at a time of the plan [s]."""
-        self._camera.lookat[:] = followed(self._scene, self._middle, np.array([time]))[0]
+        """Return the picture (HEIGHT, WIDTH, 3) at a time of the plan [s]."""
+        self._camera.lookat[:] = compute_camera_path(self._scene, self._middle, np.array([time]))[0]
         renderer = self._renderer
         self._mujoco.mjv_updateCamera(self._model, self._data, self._camera, renderer.scene)
         renderer.scene.ngeom = self._still
@@ -116,62 +116,67 @@ class Frames:
         return np.asarray(image)
 
     def _shape(self, shape: Shape) -> None:
-        color = _rgba(shape.color, min(shape.opacity, _SEEN_THROUGH))
+        color = _parse_color(shape.color, min(shape.opacity, _SEEN_THROUGH))
         for corners in shape.vertices[shape.faces]:
             self._pen.triangle(corners, color)
-        edges = outline(shape)
+        edges = compute_outline(shape)
         if len(edges) <= _MOST_OUTLINES:
             for start, end in shape.vertices[edges]:
-                self._pen.rod(0.0015 * self._extent, start, end, _rgba(palette.MUTED, 0.8))
+                self._pen.rod(0.0015 * self._extent, start, end, _parse_color(palette.MUTED, 0.8))
 
     def _boxes(self, moment: tuple[int, int, float]) -> None:
         boxes = self._scene.boxes
         if boxes is None:
             return
-        before, after, share = moment
-        center = between(boxes.center, moment)
+        before, after, fraction = moment
+        center = interpolate(boxes.center, moment)
         for k, color in enumerate(boxes.color):
             if not boxes.size[before, k].any():
                 continue
-            turns = Rotation.from_matrix(boxes.rotation[[before, after], k])
-            turned = Slerp([0.0, 1.0], turns)(share).as_matrix()
-            self._pen.box(boxes.size[before, k] / 2, center[k], turned, _rgba(color, boxes.opacity))
+            rotations = Rotation.from_matrix(boxes.rotation[[before, after], k])
+            box_rotation = Slerp([0.0, 1.0], rotations)(fraction).as_matrix()
+            self._pen.box(
+                boxes.size[before, k] / 2,
+                center[k],
+                box_rotation,
+                _parse_color(color, boxes.opacity),
+            )
 
     def _rods(self, moment: tuple[int, int, float]) -> None:
         rods = self._scene.rods
         if rods is None:
             return
         for (start, end), radius, color in zip(
-            between(rods.ends, moment), rods.radius, rods.color, strict=True
+            interpolate(rods.ends, moment), rods.radius, rods.color, strict=True
         ):
-            self._pen.rod(float(radius), start, end, _rgba(color))
+            self._pen.rod(float(radius), start, end, _parse_color(color))
 
     def _solids(self, moment: tuple[int, int, float]) -> None:
         solids = self._scene.solids
         if solids is None:
             return
-        before, after, share = moment
-        position = between(solids.position, moment)
+        before, after, fraction = moment
+        position = interpolate(solids.position, moment)
         for k, color in enumerate(solids.color):
-            turns = Rotation.from_matrix(solids.rotation[[before, after], k])
-            turned = Slerp([0.0, 1.0], turns)(share).as_matrix()
+            rotations = Rotation.from_matrix(solids.rotation[[before, after], k])
+            solid_rotation = Slerp([0.0, 1.0], rotations)(fraction).as_matrix()
             # MuJoCo keeps meshes about their centre of mass, along their axes of inertia
-            at = position[k] + turned @ self._model.mesh_pos[k]
-            own = Rotation.from_quat(self._model.mesh_quat[k][[1, 2, 3, 0]]).as_matrix()
-            self._pen.mesh(k, at, turned @ own, _rgba(color))
+            mesh_position = position[k] + solid_rotation @ self._model.mesh_pos[k]
+            mesh_rotation = Rotation.from_quat(self._model.mesh_quat[k][[1, 2, 3, 0]]).as_matrix()
+            self._pen.mesh(k, mesh_position, solid_rotation @ mesh_rotation, _parse_color(color))
 
     def _forces(self, moment: tuple[int, int, float]) -> None:
         forces = self._scene.forces
         if forces is None:
             return
-        point, force = between(forces.point, moment), forces.force[moment[0]]
+        point, force = interpolate(forces.point, moment), forces.force[moment[0]]
         for toe, newtons in zip(point, force, strict=True):
             size = float(np.linalg.norm(newtons))
             if size > 0:
                 length = min(_FORCE * size / self._force, _LONGEST_FORCE) * self._extent
                 # From behind the surface, which pushes: a leg that braces would hide it
                 behind = toe - length / size * newtons
-                self._pen.arrow(0.010 * self._extent, behind, toe, _rgba(palette.FORCE))
+                self._pen.arrow(0.010 * self._extent, behind, toe, _parse_color(palette.FORCE))
 
 
 class _Pen:
@@ -181,20 +186,20 @@ class _Pen:
         self._mujoco, self._scene = mujoco, scene
         self._kind = mujoco.mjtGeom
 
-    def box(self, half: Array, place: Array, turned: Array, color: Array) -> None:
-        self._solid(self._kind.mjGEOM_BOX, half, place, turned, color)
+    def box(self, half: Array, position: Array, rotation: Array, color: Array) -> None:
+        self._solid(self._kind.mjGEOM_BOX, half, position, rotation, color)
 
-    def mesh(self, number: int, place: Array, turned: Array, color: Array) -> None:
-        self._solid(self._kind.mjGEOM_MESH, np.ones(3), place, turned, color)
+    def mesh(self, number: int, position: Array, rotation: Array, color: Array) -> None:
+        self._solid(self._kind.mjGEOM_MESH, np.ones(3), position, rotation, color)
         # Every mesh is there twice, the second time as its hull
         self._scene.geoms[self._scene.ngeom - 1].dataid = 2 * number
 
     def triangle(self, corners: Array, color: Array) -> None:
-        along, across = corners[1] - corners[0], corners[2] - corners[0]
-        normal = np.cross(along, across)
+        first_edge, second_edge = corners[1] - corners[0], corners[2] - corners[0]
+        normal = np.cross(first_edge, second_edge)
         length = float(np.linalg.norm(normal))
         if length > 0:
-            frame = np.stack([along, across, normal / length], axis=1)
+            frame = np.stack([first_edge, second_edge, normal / length], axis=1)
             self._solid(self._kind.mjGEOM_TRIANGLE, np.ones(3), corners[0], frame, color)
 
     def rod(self, radius: float, start: Array, end: Array, color: Array) -> None:
@@ -204,8 +209,8 @@ class _Pen:
         # MuJoCo draws half of an arrow's length
         self._line(self._kind.mjGEOM_ARROW, radius, start, 2 * end - start, color)
 
-    def _solid(self, kind: Any, size: Array, place: Array, frame: Array, color: Array) -> None:
-        self._mujoco.mjv_initGeom(self._next(), kind, size, place, frame.ravel(), color)
+    def _solid(self, kind: Any, size: Array, position: Array, frame: Array, color: Array) -> None:
+        self._mujoco.mjv_initGeom(self._next(), kind, size, position, frame.ravel(), color)
 
     def _line(self, kind: Any, radius: float, start: Array, end: Array, color: Array) -> None:
         geom = self._next()
@@ -218,8 +223,8 @@ class _Pen:
         return self._scene.geoms[self._scene.ngeom - 1]
 
 
-def _model(mujoco: Any, solids: Solids | None) -> Any:
-    """An empty world that holds the meshes of what moves, in their order."""
+def _build_model(mujoco: Any, solids: Solids | None) -> Any:
+    """Return an empty world that holds the meshes of what moves, in their order."""
     world = mujoco.MjSpec.from_string(_WORLD)
     pairs = () if solids is None else tuple(zip(solids.vertices, solids.faces, strict=True))
     for number, (vertices, faces) in enumerate(pairs):
@@ -233,29 +238,29 @@ def _model(mujoco: Any, solids: Solids | None) -> Any:
     return world.compile()
 
 
-def _rgba(color: str, opacity: float = 1.0) -> Array:
+def _parse_color(color: str, opacity: float = 1.0) -> Array:
     """Of "#rrggbb"."""
-    parts = [int(color[place : place + 2], 16) / 255 for place in (1, 3, 5)]
-    return np.array([*parts, opacity], np.float32)
+    channels = [int(color[offset : offset + 2], 16) / 255 for offset in (1, 3, 5)]
+    return np.array([*channels, opacity], np.float32)
 
 
-def _count(scene: Scene) -> int:
-    """Geoms of what moves, at most."""
+def _count_geoms(scene: Scene) -> int:
+    """Return geoms of what moves, at most."""
     rods = 0 if scene.rods is None else len(scene.rods.radius)
     boxes = 0 if scene.boxes is None else len(scene.boxes.color)
     solids = 0 if scene.solids is None else len(scene.solids.faces)
     return rods + boxes + solids + (0 if scene.forces is None else scene.forces.point.shape[1])
 
 
-def _toward_camera(scene: Scene) -> Array:
-    """Unit vector (3,) to where the scene is seen from."""
+def _compute_view_direction(scene: Scene) -> Array:
+    """Return unit vector (3,) to where the scene is seen from."""
     azimuth, elevation = np.deg2rad([scene.azimuth_deg, scene.elevation_deg])
     flat = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
     return np.append(flat, np.sin(elevation))
 
 
-def _usual_force(scene: Scene) -> float:
-    """The largest force of a sample, in the middle of all samples that have one [N]."""
+def _compute_typical_force(scene: Scene) -> float:
+    """Return the largest force of a sample, in the middle of all samples that have one [N]."""
     if scene.forces is None:
         return 1.0
     largest = np.linalg.norm(scene.forces.force, axis=-1).max(axis=1, initial=0.0)

@@ -11,15 +11,15 @@ from climbplan.exports.gains import RIGID, read_gains
 from climbplan.exports.motion import (
     JointMotion,
     RobotMotion,
-    for_gains,
-    for_rigid_links,
-    gain_words,
-    rigid_words,
-    with_gain,
+    convert_to_gains,
+    convert_to_rigid_links,
+    describe_gains,
+    describe_rigid_gains,
+    replace_gain,
 )
 from climbplan.exports.ros2_control import write_controller
 from climbplan.exports.ros_files import write_bag, write_mcap
-from climbplan.exports.sampling import at_rate, with_ramps
+from climbplan.exports.sampling import resample_at_rate, add_load_ramps
 from climbplan.exports.sidecar import write_facts, write_sidecar
 from climbplan.exports.tables import write_arrays, write_table
 from climbplan.exports.usd_file import write_usd
@@ -55,7 +55,7 @@ def adapt_motion(motion: RobotMotion, options: ControllerOptions) -> RobotMotion
     torques.
     """
     if motion.sampler is not None and options.rate is not None:
-        motion = at_rate(motion, options.rate)
+        motion = resample_at_rate(motion, options.rate)
     if options.gains is not None or options.feedforward:
         if motion.joints is None or not (motion.joints.gain > 0).all():
             raise UsageError(f"--gains, --feedforward: {'; '.join(motion.words)}")
@@ -65,11 +65,13 @@ def adapt_motion(motion: RobotMotion, options: ControllerOptions) -> RobotMotion
             raise UsageError(f"--gravity: {'; '.join(motion.words)}")
         motion = replace(motion, joints=replace(motion.joints, has_gravity_effort=True))
     if motion.sampler is None and options.rate is not None:
-        motion = at_rate(motion, options.rate)
-    return with_ramps(motion, options.ramp) if options.ramp else motion
+        motion = resample_at_rate(motion, options.rate)
+    return add_load_ramps(motion, options.ramp) if options.ramp else motion
 
 
-def _apply_gains(motion: RobotMotion, joints: JointMotion, options: ControllerOptions) -> RobotMotion:
+def _apply_gains(
+    motion: RobotMotion, joints: JointMotion, options: ControllerOptions
+) -> RobotMotion:
     """Return the motion with commands for other gains; the first of its notes describes them."""
     if motion.sampler is not None:  # torques of a walk jump, so they are always a feed-forward
         gain = joints.gain
@@ -77,20 +79,24 @@ def _apply_gains(motion: RobotMotion, joints: JointMotion, options: ControllerOp
             gain = joints.limits.rigid_gain
         elif options.gains is not None:
             gain = read_gains(options.gains, joints.names, joints.slides)
-        return replace(motion, joints=with_gain(joints, gain))
+        return replace(motion, joints=replace_gain(joints, gain))
     if options.gains == RIGID:
-        adapted = for_rigid_links(joints, options.feedforward, motion.time)
-        description = rigid_words(adapted.gain, joints.slides)
+        adapted = convert_to_rigid_links(joints, options.feedforward, motion.time)
+        description = describe_rigid_gains(adapted.gain, joints.slides)
     else:
         gain = (
-            joints.gain if options.gains is None else read_gains(options.gains, joints.names, joints.slides)
+            joints.gain
+            if options.gains is None
+            else read_gains(options.gains, joints.names, joints.slides)
         )
-        adapted = for_gains(joints, gain, options.feedforward, motion.time)
-        description = gain_words(gain, options.feedforward, joints.slides)
+        adapted = convert_to_gains(joints, gain, options.feedforward, motion.time)
+        description = describe_gains(gain, options.feedforward, joints.slides)
     return replace(motion, joints=adapted, words=(description, *motion.words[1:]))
 
 
-def default_for_trajectory_controller(motion: RobotMotion, options: ControllerOptions) -> ControllerOptions:
+def apply_trajectory_controller_defaults(
+    motion: RobotMotion, options: ControllerOptions
+) -> ControllerOptions:
     """Return the defaults of a trajectory controller: load ramps, and the weight of links."""
     joints = motion.joints
     if joints is None or joints.limits is None:

@@ -48,7 +48,7 @@ class JointMotion:
     has_gravity_effort: bool = False  # `effort` in files contains `gravity`
 
     def is_sliding(self, joint: int) -> bool:
-        """Whether a joint slides."""
+        """Return whether a joint slides."""
         return bool(self.slides and self.slides[joint])
 
     @property
@@ -87,7 +87,7 @@ class LatchMotion:
     anchor_position: Array  # (T, A, 3) world frame [m]
 
     def name_of(self, anchor: int) -> str:
-        """What a number in `anchor` stands for."""
+        """Return what a number in `anchor` stands for."""
         return {-1: "nothing", -2: "the ground"}.get(anchor) or self.anchor_names[anchor]
 
 
@@ -128,34 +128,34 @@ class RobotMotion:
         return self.bodies if self.base is None else (*self.bodies, self.base)
 
 
-def gain_words(gain: Array, feedforward: bool = False, slides: tuple[bool, ...] = ()) -> str:
-    """What a user of commands has to know; gain: (J,) [N m/rad], [N/m] of joints that slide."""
+def describe_gains(gain: Array, feedforward: bool = False, slides: tuple[bool, ...] = ()) -> str:
+    """Return what a user of commands has to know; gain: (J,) [N m/rad], [N/m] of joints that slide."""
     if feedforward:
         return (
             "commands are the angles at which joints come to rest; controllers have to add the "
             "torques told beside them, or the robot sags"
         )
     return (
-        f"commands hold for controllers whose P gains are {_spans(gain, slides)}; for others give "
+        f"commands hold for controllers whose P gains are {_format_ranges(gain, slides)}; for others give "
         "--gains or --feedforward"
     )
 
 
-def rigid_words(gain: Array, slides: tuple[bool, ...] = ()) -> str:
+def describe_rigid_gains(gain: Array, slides: tuple[bool, ...] = ()) -> str:
     """Return what a user of `--gains rigid` has to know; gain: (J,) as `gain_words`."""
     return (
         "commands and angles hold for simulators whose links do not bend, with P gains of "
-        f"{_spans(gain, slides)}; the robot itself needs a file without --gains rigid"
+        f"{_format_ranges(gain, slides)}; the robot itself needs a file without --gains rigid"
     )
 
 
-def _spans(gain: Array, slides: tuple[bool, ...]) -> str:
+def _format_ranges(gain: Array, slides: tuple[bool, ...]) -> str:
     sliding = np.array(slides or (False,) * len(gain))
     kinds = ((gain[~sliding], "N m/rad"), (gain[sliding], "N/m"))
-    return " and ".join(f"{_span(own)} {unit}" for own, unit in kinds if len(own))
+    return " and ".join(f"{_format_range(gains)} {unit}" for gains, unit in kinds if len(gains))
 
 
-def _span(values: Array) -> str:
+def _format_range(values: Array) -> str:
     if np.ptp(values) == 0:
         return f"{values.min():.4g}"
     return f"{values.min():.4g} to {values.max():.4g}"
@@ -172,8 +172,9 @@ def require_increasing(time: Array) -> None:
         )
 
 
-def differentiated(time: Array, values: Array) -> tuple[Array, Array]:
-    """First and second derivative (T, ...) of the cubic spline through values at rest at its ends.
+def differentiate_spline(time: Array, values: Array) -> tuple[Array, Array]:
+    """Return first and second derivative (T, ...) of the cubic spline through values at rest at its
+    ends.
 
     With two samples or fewer nothing moves.
     """
@@ -184,7 +185,7 @@ def differentiated(time: Array, values: Array) -> tuple[Array, Array]:
     return spline(time, 1), spline(time, 2)
 
 
-def continuous_quaternions(quaternion: Array) -> Array:
+def unwrap_quaternions(quaternion: Array) -> Array:
     """Return the same rotations (T, 4), each on the side of the one before.
 
     Readers may interpolate between them.
@@ -194,30 +195,34 @@ def continuous_quaternions(quaternion: Array) -> Array:
     return np.asarray(quaternion * sign[:, None])
 
 
-def for_gains(joints: JointMotion, gain: Array, feedforward: bool, time: Array) -> JointMotion:
-    """Commands that bring the same torques at the same angles under P gains (J,) [N m/rad].
+def convert_to_gains(
+    joints: JointMotion, gain: Array, feedforward: bool, time: Array
+) -> JointMotion:
+    """Return commands that bring the same torques at the same angles under P gains (J,) [N m/rad].
 
     tau = gain (command - angle) + feedforward: with feed-forward all torques are told apart and
     commands are the angles; without, command = angle + tau / gain. Raises UsageError where torques
     need gains that there are not.
     """
-    told = joints.torque if feedforward else np.zeros_like(joints.torque)
-    asked = joints.torque - told
-    if asked.any() and not (gain > 0).all():
+    feedforward_torque = joints.torque if feedforward else np.zeros_like(joints.torque)
+    feedback_torque = joints.torque - feedforward_torque
+    if feedback_torque.any() and not (gain > 0).all():
         low = [name for name, g in zip(joints.names, gain, strict=True) if not g > 0]
         raise UsageError(f"P gains must be positive: {', '.join(low)}; or use --feedforward")
-    command = joints.angle + np.divide(asked, gain, out=np.zeros_like(asked), where=gain > 0)
-    velocity, acceleration = differentiated(time, command)
+    command = joints.angle + np.divide(
+        feedback_torque, gain, out=np.zeros_like(feedback_torque), where=gain > 0
+    )
+    velocity, acceleration = differentiate_spline(time, command)
     return replace(
-        with_gain(joints, gain),
+        replace_gain(joints, gain),
         command=command,
         velocity=velocity,
         acceleration=acceleration,
-        feedforward=told,
+        feedforward=feedforward_torque,
     )
 
 
-def with_gain(joints: JointMotion, gain: Array) -> JointMotion:
+def replace_gain(joints: JointMotion, gain: Array) -> JointMotion:
     """Return joints whose controllers have P gains (J,) [N m/rad], and D gains that go with them.
 
     Commands are left as they are.
@@ -229,8 +234,9 @@ def with_gain(joints: JointMotion, gain: Array) -> JointMotion:
     return replace(joints, gain=gain, limits=limits)
 
 
-def for_rigid_links(joints: JointMotion, feedforward: bool, time: Array) -> JointMotion:
-    """The motion for simulators whose links do not bend: gains K (1 - share), angles of the links.
+def convert_to_rigid_links(joints: JointMotion, feedforward: bool, time: Array) -> JointMotion:
+    """Return the motion for simulators whose links do not bend: gains K (1 - share), angles of the
+    links.
 
     The structure's part of the give is counted to the joints, so that the same commands press with
     the same forces. Raises UsageError where nothing is known of motors.
@@ -238,5 +244,5 @@ def for_rigid_links(joints: JointMotion, feedforward: bool, time: Array) -> Join
     if joints.limits is None:
         raise UsageError("--gains rigid: nothing is known of the robot's motors")
     angle = joints.angle if joints.link_angle is None else joints.link_angle
-    own = replace(joints, angle=angle, link_angle=angle)
-    return for_gains(own, joints.limits.rigid_gain, feedforward, time)
+    rigid_joints = replace(joints, angle=angle, link_angle=angle)
+    return convert_to_gains(rigid_joints, joints.limits.rigid_gain, feedforward, time)

@@ -12,7 +12,7 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.exports.damping import update_rate
 from climbplan.exports.motion import JointMotion, RobotMotion
-from climbplan.exports.ros_messages import nanoseconds
+from climbplan.exports.ros_messages import convert_to_nanoseconds
 
 CONTROLLER = "joint_trajectory_controller"
 _GOAL = "/joint_trajectory_controller/follow_joint_trajectory"
@@ -25,31 +25,31 @@ def write_controller(motion: RobotMotion, directory: Path) -> None:
     joints = motion.joints
     if joints is None:
         raise UsageError(f"{motion.name}: no joints to control: {'; '.join(motion.words)}")
-    text = _head(motion) + yaml.safe_dump(_parameters(joints), sort_keys=False)
+    text = _write_head(motion) + yaml.safe_dump(_build_parameters(joints), sort_keys=False)
     (directory / "controllers.yaml").write_text(text, encoding="utf-8")
     with (directory / "goal.yaml").open("w", encoding="utf-8") as stream:
-        for line in _goal(motion, joints):
+        for line in _write_goal(motion, joints):
             stream.write(line + "\n")
 
 
-def _head(motion: RobotMotion) -> str:
-    told = [*motion.words]
+def _write_head(motion: RobotMotion) -> str:
+    comments = [*motion.words]
     if motion.joints is not None and motion.joints.limits is not None:
-        told += [
+        comments += [
             "p and d act on torques: a controller of 20 Hz throws a robot over that 500 Hz holds",
             "d damps a limb in the air critically; motors with damping of their own need less",
         ]
     if motion.joints is not None and motion.joints.has_gravity_effort:
-        told.append("effort holds the weight of links; without it in the controller they sag")
-    return "".join(f"# {line}\n" for line in told)
+        comments.append("effort holds the weight of links; without it in the controller they sag")
+    return "".join(f"# {line}\n" for line in comments)
 
 
-def _parameters(joints: JointMotion) -> dict[str, object]:
+def _build_parameters(joints: JointMotion) -> dict[str, object]:
     by_torque = bool((joints.gain > 0).all())
     damping = np.zeros_like(joints.gain) if joints.limits is None else joints.limits.damping
     rate = update_rate(damping, joints.gain) if by_torque else POSITION_RATE
-    bent = np.abs(joints.command - joints.angle).max(axis=0) + _ROOM
-    own: dict[str, object] = {
+    tolerances = np.abs(joints.command - joints.angle).max(axis=0) + _ROOM
+    controller_parameters: dict[str, object] = {
         "joints": list(joints.names),
         "command_interfaces": ["effort" if by_torque else "position"],
         "state_interfaces": ["position", "velocity"],
@@ -57,13 +57,13 @@ def _parameters(joints: JointMotion) -> dict[str, object]:
         "constraints": {
             "stopped_velocity_tolerance": 0.05,
             **{
-                name: {"trajectory": round(float(most), 4), "goal": round(float(most), 4)}
-                for name, most in zip(joints.names, bent, strict=True)
+                name: {"trajectory": round(float(tolerance), 4), "goal": round(float(tolerance), 4)}
+                for name, tolerance in zip(joints.names, tolerances, strict=True)
             },
         },
     }
     if by_torque:
-        own["gains"] = {
+        controller_parameters["gains"] = {
             name: {"p": float(p), "i": 0.0, "d": float(f"{d:.4g}"), "ff_velocity_scale": 0.0}
             for name, p, d in zip(joints.names, joints.gain, damping, strict=True)
         }
@@ -74,36 +74,36 @@ def _parameters(joints: JointMotion) -> dict[str, object]:
                 CONTROLLER: {"type": f"{CONTROLLER}/JointTrajectoryController"},
             }
         },
-        CONTROLLER: {"ros__parameters": own},
+        CONTROLLER: {"ros__parameters": controller_parameters},
     }
 
 
-def _goal(motion: RobotMotion, joints: JointMotion) -> Iterator[str]:
-    """YAML of a FollowJointTrajectory goal, a point a line."""
+def _write_goal(motion: RobotMotion, joints: JointMotion) -> Iterator[str]:
+    """Yield YAML of a FollowJointTrajectory goal, a point a line."""
     yield from (f"# {line}" for line in motion.words)
     yield f"# A goal of {_GOAL}, control_msgs/action/FollowJointTrajectory;"
     yield "# more than a shell takes as an argument: examples/ros2/follow_plan.py sends it"
     yield "trajectory:"
-    yield f"  joint_names: [{', '.join(_quoted(name) for name in joints.names)}]"
+    yield f"  joint_names: [{', '.join(_quote_name(name) for name in joints.names)}]"
     yield "  points:"
     for k, time in enumerate(motion.time - motion.time[0]):
-        seconds, rest = divmod(nanoseconds(float(time)), 1_000_000_000)
-        parts = [
-            f"positions: {_numbers(joints.command[k])}",
-            f"velocities: {_numbers(joints.velocity[k])}",
-            f"accelerations: {_numbers(joints.acceleration[k])}",
-            f"time_from_start: {{sec: {seconds}, nanosec: {rest}}}",
+        seconds, nanosec = divmod(convert_to_nanoseconds(float(time)), 1_000_000_000)
+        fields = [
+            f"positions: {_format_numbers(joints.command[k])}",
+            f"velocities: {_format_numbers(joints.velocity[k])}",
+            f"accelerations: {_format_numbers(joints.acceleration[k])}",
+            f"time_from_start: {{sec: {seconds}, nanosec: {nanosec}}}",
         ]
         if joints.effort.any():
-            parts.insert(3, f"effort: {_numbers(joints.effort[k])}")
-        yield f"  - {{{', '.join(parts)}}}"
+            fields.insert(3, f"effort: {_format_numbers(joints.effort[k])}")
+        yield f"  - {{{', '.join(fields)}}}"
 
 
-def _numbers(values: Array) -> str:
-    return f"[{', '.join(_number(float(value)) for value in values)}]"
+def _format_numbers(values: Array) -> str:
+    return f"[{', '.join(_format_number(float(value)) for value in values)}]"
 
 
-def _number(value: float) -> str:
+def _format_number(value: float) -> str:
     """To 1e-12, with a point: YAML takes 1e-5 for a word."""
     text = f"{value:.12g}"
     mantissa, mark, exponent = text.partition("e")
@@ -112,5 +112,5 @@ def _number(value: float) -> str:
     return f"{mantissa}{mark}{exponent}"
 
 
-def _quoted(name: str) -> str:
+def _quote_name(name: str) -> str:
     return "'" + name.replace("'", "''") + "'"

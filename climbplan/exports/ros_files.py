@@ -7,8 +7,8 @@ from typing import Any, Final
 
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.motion import RobotMotion
-from climbplan.exports.ros_messages import Messages, typestore
-from climbplan.store.atomic_file import written_aside
+from climbplan.exports.ros_messages import Messages, load_typestore
+from climbplan.store.atomic_file import replace_atomically
 
 BAG_VERSION: Final = 9  # of rosbag2's metadata
 
@@ -18,27 +18,31 @@ def write_mcap(motion: RobotMotion, out: Path) -> None:
 
     Raises MissingSolver without the extra `ros`, UsageError if the file cannot be written.
     """
-    types = typestore()
+    types = load_typestore()
     try:
         from mcap.writer import CompressionType, Writer
     except ImportError as error:
         raise MissingSolver("MCAP files need mcap: pip install 'climbplan[ros]'") from error
-    with written_aside(out) as aside, aside.open("wb") as stream:
+    with replace_atomically(out) as temporary_path, temporary_path.open("wb") as stream:
         writer: Any = Writer(stream, compression=CompressionType.ZSTD)
         writer.start(profile="ros2", library="climbplan")
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
-        for number, one in enumerate(Messages(motion, types).all()):
-            if one.kind not in schemas:
-                text, _ = types.generate_msgdef(one.kind, ros_version=2)
-                schemas[one.kind] = writer.register_schema(one.kind, "ros2msg", text.encode())
-            if one.topic not in channels:
-                channels[one.topic] = writer.register_channel(one.topic, "cdr", schemas[one.kind])
+        for number, stamped in enumerate(Messages(motion, types).all()):
+            if stamped.kind not in schemas:
+                text, _ = types.generate_msgdef(stamped.kind, ros_version=2)
+                schemas[stamped.kind] = writer.register_schema(
+                    stamped.kind, "ros2msg", text.encode()
+                )
+            if stamped.topic not in channels:
+                channels[stamped.topic] = writer.register_channel(
+                    stamped.topic, "cdr", schemas[stamped.kind]
+                )
             writer.add_message(
-                channels[one.topic],
-                log_time=one.time,
-                data=bytes(types.serialize_cdr(one.message, one.kind)),
-                publish_time=one.time,
+                channels[stamped.topic],
+                log_time=stamped.time,
+                data=bytes(types.serialize_cdr(stamped.message, stamped.kind)),
+                publish_time=stamped.time,
                 sequence=number,
             )
         writer.add_metadata("climbplan", {"name": motion.name, "words": "\n".join(motion.words)})
@@ -50,7 +54,7 @@ def write_bag(motion: RobotMotion, directory: Path) -> None:
 
     Raises MissingSolver without the extra `ros`, UsageError if the bag cannot be written.
     """
-    types = typestore()
+    types = load_typestore()
     import sqlite3
 
     from rosbags.rosbag2 import Writer, WriterError
@@ -64,8 +68,10 @@ def write_bag(motion: RobotMotion, directory: Path) -> None:
 def _write_messages(motion: RobotMotion, types: Any, writer: Any) -> None:
     with writer:
         connections = {}
-        for one in Messages(motion, types).all():
-            if one.topic not in connections:
-                connections[one.topic] = writer.add_connection(one.topic, one.kind, typestore=types)
-            data = types.serialize_cdr(one.message, one.kind)
-            writer.write(connections[one.topic], one.time, data)
+        for stamped in Messages(motion, types).all():
+            if stamped.topic not in connections:
+                connections[stamped.topic] = writer.add_connection(
+                    stamped.topic, stamped.kind, typestore=types
+                )
+            data = types.serialize_cdr(stamped.message, stamped.kind)
+            writer.write(connections[stamped.topic], stamped.time, data)

@@ -32,8 +32,8 @@ class Stamped:
     message: Any
 
 
-def typestore() -> Any:
-    """The message types of ROS 2; raises MissingSolver without rosbags."""
+def load_typestore() -> Any:
+    """Return the message types of ROS 2; raises MissingSolver without rosbags."""
     try:
         from rosbags.typesys import Stores, get_typestore
     except ImportError as error:
@@ -46,12 +46,12 @@ class Messages:
 
     def __init__(self, motion: RobotMotion, types: Any) -> None:
         self._motion, self._types = motion, types.types
-        self._topics = () if motion.contacts is None else contact_topics(motion.contacts.names)
+        self._topics = () if motion.contacts is None else name_contact_topics(motion.contacts.names)
 
     def all(self) -> Iterator[Stamped]:
         """In order of time; what does not change comes first."""
         motion = self._motion
-        begin = nanoseconds(float(motion.time[0]))
+        begin = convert_to_nanoseconds(float(motion.time[0]))
         if motion.joints is not None:
             kind = "trajectory_msgs/msg/JointTrajectory"
             yield Stamped("/joint_trajectory", kind, begin, self.joint_trajectory())
@@ -59,23 +59,33 @@ class Messages:
             kind = "visualization_msgs/msg/MarkerArray"
             yield Stamped("/surfaces", kind, begin, self._surfaces())
         for k, time in enumerate(motion.time):
-            at = nanoseconds(float(time))
-            transforms = [self._transform(body, k, at) for body in motion.placed]
+            stamp_ns = convert_to_nanoseconds(float(time))
+            transforms = [self._transform(body, k, stamp_ns) for body in motion.placed]
             yield Stamped(
-                "/tf", "tf2_msgs/msg/TFMessage", at, self._new("tf2_msgs/msg/TFMessage", transforms)
+                "/tf",
+                "tf2_msgs/msg/TFMessage",
+                stamp_ns,
+                self._new("tf2_msgs/msg/TFMessage", transforms),
             )
             if motion.joints is not None:
-                yield Stamped("/joint_states", "sensor_msgs/msg/JointState", at, self._state(k, at))
+                yield Stamped(
+                    "/joint_states",
+                    "sensor_msgs/msg/JointState",
+                    stamp_ns,
+                    self._state(k, stamp_ns),
+                )
             if motion.latches is not None:
-                yield Stamped("/latches", "sensor_msgs/msg/JointState", at, self._latches(k, at))
+                yield Stamped(
+                    "/latches", "sensor_msgs/msg/JointState", stamp_ns, self._latches(k, stamp_ns)
+                )
             if motion.contacts is not None:
                 for c in range(len(self._topics)):
                     force = motion.contacts.force[k, c]
                     kind = "geometry_msgs/msg/WrenchStamped"
-                    yield Stamped(self._topics[c], kind, at, self._wrench(force, at))
+                    yield Stamped(self._topics[c], kind, stamp_ns, self._wrench(force, stamp_ns))
 
     def joint_trajectory(self) -> Any:
-        """The whole motion; `effort` is what is told beside the commands."""
+        """Return the whole motion; `effort` is what is told beside the commands."""
         joints = self._motion.joints
         assert joints is not None
         begin = float(self._motion.time[0])
@@ -86,7 +96,7 @@ class Messages:
                 joints.velocity[k],
                 joints.acceleration[k],
                 joints.effort[k],
-                self._duration(nanoseconds(float(time) - begin)),
+                self._duration(convert_to_nanoseconds(float(time) - begin)),
             )
             for k, time in enumerate(self._motion.time)
         ]
@@ -94,53 +104,55 @@ class Messages:
             "trajectory_msgs/msg/JointTrajectory", self._header(0, ""), list(joints.names), points
         )
 
-    def _state(self, k: int, at: int) -> Any:
+    def _state(self, k: int, stamp_ns: int) -> Any:
         joints = self._motion.joints
         assert joints is not None
         return self._new(
             "sensor_msgs/msg/JointState",
-            self._header(at, ""),
+            self._header(stamp_ns, ""),
             list(joints.names),
             joints.angle[k],
             joints.velocity[k],
             joints.torque[k],
         )
 
-    def _latches(self, k: int, at: int) -> Any:
-        """Ends of modules with the numbers of what they hold, for want of a message of latches."""
+    def _latches(self, k: int, stamp_ns: int) -> Any:
+        """Return ends of modules with the numbers of what they hold, for want of a message of
+        latches.
+        """
         latches = self._motion.latches
         assert latches is not None
-        nothing = np.zeros(0)
+        empty_array = np.zeros(0)
         return self._new(
             "sensor_msgs/msg/JointState",
-            self._header(at, ""),
+            self._header(stamp_ns, ""),
             list(latches.ends),
             latches.anchor[k].astype(float),
-            nothing,
-            nothing,
+            empty_array,
+            empty_array,
         )
 
-    def _transform(self, body: BodyMotion, k: int, at: int) -> Any:
+    def _transform(self, body: BodyMotion, k: int, stamp_ns: int) -> Any:
         pose = self._new(
             "geometry_msgs/msg/Transform",
             self._new("geometry_msgs/msg/Vector3", *map(float, body.position[k])),
             self._new("geometry_msgs/msg/Quaternion", *map(float, body.quaternion[k])),
         )
         return self._new(
-            "geometry_msgs/msg/TransformStamped", self._header(at, WORLD), body.name, pose
+            "geometry_msgs/msg/TransformStamped", self._header(stamp_ns, WORLD), body.name, pose
         )
 
-    def _wrench(self, force: Array, at: int) -> Any:
+    def _wrench(self, force: Array, stamp_ns: int) -> Any:
         vector = "geometry_msgs/msg/Vector3"
         wrench = self._new(
             "geometry_msgs/msg/Wrench",
             self._new(vector, *map(float, force)),
             self._new(vector, 0.0, 0.0, 0.0),
         )
-        return self._new("geometry_msgs/msg/WrenchStamped", self._header(at, WORLD), wrench)
+        return self._new("geometry_msgs/msg/WrenchStamped", self._header(stamp_ns, WORLD), wrench)
 
     def _surfaces(self) -> Any:
-        """Each surface as a fan of triangles."""
+        """Return each surface as a fan of triangles."""
         markers = []
         for number, corners in enumerate(self._motion.surfaces):
             fan = [corners[[0, k, k + 1]] for k in range(1, len(corners) - 1)]
@@ -183,26 +195,29 @@ class Messages:
             mesh_use_embedded_materials=False,
         )
 
-    def _header(self, at: int, frame: str) -> Any:
-        stamp = self._new("builtin_interfaces/msg/Time", *divmod(at, 1_000_000_000))
+    def _header(self, stamp_ns: int, frame: str) -> Any:
+        stamp = self._new("builtin_interfaces/msg/Time", *divmod(stamp_ns, 1_000_000_000))
         return self._new("std_msgs/msg/Header", stamp, frame)
 
     def _duration(self, length: int) -> Any:
         return self._new("builtin_interfaces/msg/Duration", *divmod(length, 1_000_000_000))
 
     def _new(self, kind: str, *fields: Any) -> Any:
-        held = [np.ascontiguousarray(f) if isinstance(f, np.ndarray) else f for f in fields]
-        return self._types[kind](*held)
+        contiguous_fields = [
+            np.ascontiguousarray(f) if isinstance(f, np.ndarray) else f for f in fields
+        ]
+        return self._types[kind](*contiguous_fields)
 
 
-def contact_topics(names: tuple[str, ...]) -> tuple[str, ...]:
-    """One a name, of letters, digits and underscores as ROS wants them."""
-    kept = [re.sub(r"[^A-Za-z0-9_]", "_", name) or "_" for name in names]
+def name_contact_topics(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return one a name, of letters, digits and underscores as ROS wants them."""
+    topic_names = [re.sub(r"[^A-Za-z0-9_]", "_", name) or "_" for name in names]
     return tuple(
-        f"/contacts/{f'{name}_{k}' if name in kept[:k] else name}" for k, name in enumerate(kept)
+        f"/contacts/{f'{name}_{k}' if name in topic_names[:k] else name}"
+        for k, name in enumerate(topic_names)
     )
 
 
-def nanoseconds(seconds: float) -> int:
+def convert_to_nanoseconds(seconds: float) -> int:
     """As ROS counts time."""
     return round(seconds * 1e9)

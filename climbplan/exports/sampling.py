@@ -15,7 +15,7 @@ from climbplan.exports.motion import (
     ContactMotion,
     JointMotion,
     RobotMotion,
-    continuous_quaternions,
+    unwrap_quaternions,
     require_increasing,
 )
 
@@ -29,8 +29,8 @@ RAMP_WORDS = (
 )
 
 
-def at_rate(motion: RobotMotion, rate: float) -> RobotMotion:
-    """The motion at `rate` [Hz], on the cubic splines through its samples.
+def resample_at_rate(motion: RobotMotion, rate: float) -> RobotMotion:
+    """Return the motion at `rate` [Hz], on the cubic splines through its samples.
 
     A motion with a sampler of its own (a walk's) is what that one says, with more samples where
     forces change between two.  What the plan has a sample
@@ -38,32 +38,35 @@ def at_rate(motion: RobotMotion, rate: float) -> RobotMotion:
     cannot be.
     """
     require_increasing(motion.time)
-    time = _times(motion, rate)
+    time = _build_times(motion, rate)
     if motion.sampler is not None:
-        return motion.sampler(_with_changes(motion, time))
+        return motion.sampler(_add_force_changes(motion, time))
     before = np.searchsorted(motion.time, time, side="right") - 1
     return replace(
         motion,
         time=time,
-        bodies=tuple(_body_at(motion.time, body, time) for body in motion.bodies),
-        base=None if motion.base is None else _body_at(motion.time, motion.base, time),
-        joints=None if motion.joints is None else _joints_at(motion.time, motion.joints, time),
-        contacts=None if motion.contacts is None else _contacts_at(motion, before, time),
+        bodies=tuple(_sample_body(motion.time, body, time) for body in motion.bodies),
+        base=None if motion.base is None else _sample_body(motion.time, motion.base, time),
+        joints=None if motion.joints is None else _sample_joints(motion.time, motion.joints, time),
+        contacts=None if motion.contacts is None else _sample_contacts(motion, before, time),
         latches=None
         if motion.latches is None
         else replace(
             motion.latches,
             anchor=motion.latches.anchor[before],
-            anchor_position=_linear(motion.time, motion.latches.anchor_position, time),
+            anchor_position=_interpolate_linearly(
+                motion.time, motion.latches.anchor_position, time
+            ),
         ),
         limbs=tuple(
-            replace(limb, points=_smooth(motion.time, limb.points, time)) for limb in motion.limbs
+            replace(limb, points=_interpolate_spline(motion.time, limb.points, time))
+            for limb in motion.limbs
         ),
     )
 
 
-def _times(motion: RobotMotion, rate: float) -> Array:
-    """(M,) of samples at a rate; the plan's own where they are as good as the same."""
+def _build_times(motion: RobotMotion, rate: float) -> Array:
+    """Return (M,) of samples at a rate; the plan's own where they are as good as the same."""
     if not 0 < rate <= _MOST_RATE:
         raise UsageError(f"--rate {rate:g}: expected more than 0 and at most {_MOST_RATE:g} Hz")
     begin, end = float(motion.time[0]), float(motion.time[-1])
@@ -73,84 +76,86 @@ def _times(motion: RobotMotion, rate: float) -> Array:
     time = begin + np.arange(count) / rate
     if end - time[-1] > 1e-9:
         time = np.append(time, end)  # the plan's last sample ends it
-    near = np.clip(np.searchsorted(motion.time, time), 1, max(len(motion.time) - 1, 1))
+    nearest_sample = np.clip(np.searchsorted(motion.time, time), 1, max(len(motion.time) - 1, 1))
     if len(motion.time) > 1:
-        for side in (near - 1, near):
+        for side in (nearest_sample - 1, nearest_sample):
             time = np.where(np.abs(motion.time[side] - time) < 1e-9, motion.time[side], time)
     return np.asarray(time)
 
 
-def _with_changes(motion: RobotMotion, time: Array) -> Array:
-    """Times and those at which forces change, unless samples come less often than that."""
+def _add_force_changes(motion: RobotMotion, time: Array) -> Array:
+    """Return times and those at which forces change, unless samples come less often than that."""
     changes = motion.changes
     if changes is None or len(time) < 2 or time[1] - time[0] > np.diff(changes).min() + _SAME:
         return time
     after = np.clip(np.searchsorted(time, changes), 1, len(time) - 1)
-    near = np.minimum(np.abs(time[after] - changes), np.abs(time[after - 1] - changes))
-    return np.sort(np.concatenate([time, changes[near > _SAME]]))
+    distance = np.minimum(np.abs(time[after] - changes), np.abs(time[after - 1] - changes))
+    return np.sort(np.concatenate([time, changes[distance > _SAME]]))
 
 
-def _body_at(time: Array, body: BodyMotion, wanted: Array) -> BodyMotion:
+def _sample_body(time: Array, body: BodyMotion, new_time: Array) -> BodyMotion:
     return BodyMotion(
         body.name,
-        _smooth(time, body.position, wanted),
-        continuous_quaternions(Slerp(time, Rotation.from_quat(body.quaternion))(wanted).as_quat()),
+        _interpolate_spline(time, body.position, new_time),
+        unwrap_quaternions(Slerp(time, Rotation.from_quat(body.quaternion))(new_time).as_quat()),
     )
 
 
-def _smooth(time: Array, values: Array, wanted: Array, order: int = 0) -> Array:
+def _interpolate_spline(time: Array, values: Array, new_time: Array, order: int = 0) -> Array:
     if len(time) < 3 and order > 0:
-        return np.zeros((len(wanted), *values.shape[1:]))
+        return np.zeros((len(new_time), *values.shape[1:]))
     if len(time) < 3:
-        flat = [np.interp(wanted, time, column) for column in values.reshape(len(time), -1).T]
-        return np.stack(flat, axis=1).reshape(len(wanted), *values.shape[1:])
-    found = CubicSpline(time, values, axis=0, bc_type="clamped")(wanted, order)
+        flat = [np.interp(new_time, time, column) for column in values.reshape(len(time), -1).T]
+        return np.stack(flat, axis=1).reshape(len(new_time), *values.shape[1:])
+    samples = CubicSpline(time, values, axis=0, bc_type="clamped")(new_time, order)
     if order == 0:  # the plan's own samples to the last bit
-        own = np.minimum(np.searchsorted(time, wanted), len(time) - 1)
-        same = time[own] == wanted
-        found[same] = values[own[same]]
-    return np.asarray(found)
+        sample_index = np.minimum(np.searchsorted(time, new_time), len(time) - 1)
+        is_sample = time[sample_index] == new_time
+        samples[is_sample] = values[sample_index[is_sample]]
+    return np.asarray(samples)
 
 
-def _joints_at(time: Array, joints: JointMotion, wanted: Array) -> JointMotion:
+def _sample_joints(time: Array, joints: JointMotion, new_time: Array) -> JointMotion:
     return replace(
         joints,
-        command=_smooth(time, joints.command, wanted),
-        velocity=_smooth(time, joints.command, wanted, 1),
-        acceleration=_smooth(time, joints.command, wanted, 2),
-        angle=_smooth(time, joints.angle, wanted),
-        torque=_linear(time, joints.torque, wanted),
-        feedforward=_linear(time, joints.feedforward, wanted),
-        gravity=_linear(time, joints.gravity, wanted),
-        link_angle=None if joints.link_angle is None else _smooth(time, joints.link_angle, wanted),
+        command=_interpolate_spline(time, joints.command, new_time),
+        velocity=_interpolate_spline(time, joints.command, new_time, 1),
+        acceleration=_interpolate_spline(time, joints.command, new_time, 2),
+        angle=_interpolate_spline(time, joints.angle, new_time),
+        torque=_interpolate_linearly(time, joints.torque, new_time),
+        feedforward=_interpolate_linearly(time, joints.feedforward, new_time),
+        gravity=_interpolate_linearly(time, joints.gravity, new_time),
+        link_angle=None
+        if joints.link_angle is None
+        else _interpolate_spline(time, joints.link_angle, new_time),
     )
 
 
-def _linear(time: Array, values: Array, wanted: Array) -> Array:
+def _interpolate_linearly(time: Array, values: Array, new_time: Array) -> Array:
     """Torques and forces begin and end within a sample: a spline would swing about them."""
-    at = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, max(len(time) - 2, 0))
-    after = np.minimum(at + 1, len(time) - 1)
-    span = np.where(after > at, time[after] - time[at], 1.0)
-    share = np.clip((wanted - time[at]) / span, 0.0, 1.0)
-    share = share.reshape(-1, *[1] * (values.ndim - 1))
-    return np.asarray((1 - share) * values[at] + share * values[after])
+    before = np.clip(np.searchsorted(time, new_time, side="right") - 1, 0, max(len(time) - 2, 0))
+    after = np.minimum(before + 1, len(time) - 1)
+    span = np.where(after > before, time[after] - time[before], 1.0)
+    fraction = np.clip((new_time - time[before]) / span, 0.0, 1.0)
+    fraction = fraction.reshape(-1, *[1] * (values.ndim - 1))
+    return np.asarray((1 - fraction) * values[before] + fraction * values[after])
 
 
-def _contacts_at(motion: RobotMotion, before: IntArray, wanted: Array) -> ContactMotion:
+def _sample_contacts(motion: RobotMotion, before: IntArray, new_time: Array) -> ContactMotion:
     contacts = motion.contacts
     assert contacts is not None
     touching = contacts.touching[before]
-    force = _linear(motion.time, contacts.force, wanted)
+    force = _interpolate_linearly(motion.time, contacts.force, new_time)
     return replace(
         contacts,
-        point=_linear(motion.time, contacts.point, wanted),
+        point=_interpolate_linearly(motion.time, contacts.point, new_time),
         force=np.where(touching[..., None], force, 0.0),
         touching=touching,
     )
 
 
-def with_ramps(motion: RobotMotion, seconds: float) -> RobotMotion:
-    """The motion with a load ramp before it and one after it.
+def add_load_ramps(motion: RobotMotion, seconds: float) -> RobotMotion:
+    """Return the motion with a load ramp before it and one after it.
 
     Bodies and toes stand still meanwhile. At first no contact is loaded and commands are the angles
     of the links; torques, forces and what they bend grow to those of the first sample. The same
@@ -173,16 +178,16 @@ def with_ramps(motion: RobotMotion, seconds: float) -> RobotMotion:
     span = float(motion.time[-1] - motion.time[0])
     count = int(np.ceil(seconds * (len(motion.time) - 1) / span)) if span > 0 else 1
     count = min(max(count, 2), _MOST_SAMPLES)
-    share = np.arange(count) / count  # of the ramp that has passed, before the first sample
+    ramp_fraction = np.arange(count) / count  # of the ramp that has passed, before the first sample
     size = len(motion.time)
     index = np.concatenate([np.zeros(count, int), np.arange(size), np.full(count, size - 1)])
-    load = np.concatenate([share, np.ones(size), share[::-1]])
+    load = np.concatenate([ramp_fraction, np.ones(size), ramp_fraction[::-1]])
     begin, end = motion.time[0], motion.time[-1]
     time = np.concatenate(
         [
-            begin + seconds * share,
+            begin + seconds * ramp_fraction,
             motion.time + seconds,
-            end + seconds * (2.0 - share[::-1]),
+            end + seconds * (2.0 - ramp_fraction[::-1]),
         ]
     )
     side = np.repeat([1.0, 0.0, -1.0], [count, size, count]) / seconds
@@ -190,9 +195,9 @@ def with_ramps(motion: RobotMotion, seconds: float) -> RobotMotion:
         motion,
         time=time,
         ramp=seconds,
-        bodies=tuple(_picked(body, index) for body in motion.bodies),
-        base=None if motion.base is None else _picked(motion.base, index),
-        joints=_loaded(joints, index, load, side),
+        bodies=tuple(_select_samples(body, index) for body in motion.bodies),
+        base=None if motion.base is None else _select_samples(motion.base, index),
+        joints=_scale_load(joints, index, load, side),
         contacts=None
         if motion.contacts is None
         else replace(
@@ -206,34 +211,44 @@ def with_ramps(motion: RobotMotion, seconds: float) -> RobotMotion:
     )
 
 
-def smooth_step(share: Array) -> tuple[Array, Array, Array]:
+def smooth_step(fraction: Array) -> tuple[Array, Array, Array]:
     """Return a step from 0 to 1 over `share`, at rest at both ends, with two derivatives by it."""
     return (
-        share**3 * (10 - 15 * share + 6 * share**2),
-        30 * share**2 * (1 - share) ** 2,
-        60 * share * (1 - share) * (1 - 2 * share),
+        fraction**3 * (10 - 15 * fraction + 6 * fraction**2),
+        30 * fraction**2 * (1 - fraction) ** 2,
+        60 * fraction * (1 - fraction) * (1 - 2 * fraction),
     )
 
 
-def _picked(body: BodyMotion, index: IntArray) -> BodyMotion:
+def _select_samples(body: BodyMotion, index: IntArray) -> BodyMotion:
     return BodyMotion(body.name, body.position[index], body.quaternion[index])
 
 
-def _loaded(joints: JointMotion, index: IntArray, load: Array, rate: Array) -> JointMotion:
-    """Joints whose part by loads is what `load` (M,) says, which changes by `rate` (M,) [1/s]."""
-    part, speed, more = (values[:, None] for values in smooth_step(load))
+def _scale_load(joints: JointMotion, index: IntArray, load: Array, rate: Array) -> JointMotion:
+    """Return joints whose part by loads is what `load` (M,) says, which changes by `rate` (M,)
+    [1/s].
+    """
+    load_fraction, speed, curvature = (values[:, None] for values in smooth_step(load))
     link_angle = joints.angle if joints.link_angle is None else joints.link_angle
-    rest = link_angle[index]
-    bent = joints.command[index] - rest
+    unloaded_angle = link_angle[index]
+    deflection = joints.command[index] - unloaded_angle
     ramped = (rate != 0)[:, None]
     return replace(
         joints,
-        command=np.where(ramped, rest + part * bent, joints.command[index]),
-        velocity=np.where(ramped, speed * rate[:, None] * bent, joints.velocity[index]),
-        acceleration=np.where(ramped, more * rate[:, None] ** 2 * bent, joints.acceleration[index]),
-        angle=np.where(ramped, rest + part * (joints.angle[index] - rest), joints.angle[index]),
-        torque=part * joints.torque[index],
-        feedforward=part * joints.feedforward[index],
+        command=np.where(
+            ramped, unloaded_angle + load_fraction * deflection, joints.command[index]
+        ),
+        velocity=np.where(ramped, speed * rate[:, None] * deflection, joints.velocity[index]),
+        acceleration=np.where(
+            ramped, curvature * rate[:, None] ** 2 * deflection, joints.acceleration[index]
+        ),
+        angle=np.where(
+            ramped,
+            unloaded_angle + load_fraction * (joints.angle[index] - unloaded_angle),
+            joints.angle[index],
+        ),
+        torque=load_fraction * joints.torque[index],
+        feedforward=load_fraction * joints.feedforward[index],
         gravity=joints.gravity[index],
-        link_angle=rest,
+        link_angle=unloaded_angle,
     )

@@ -7,7 +7,7 @@ import math
 from pathlib import Path
 
 from climbplan.exports.motion import JointMotion, RobotMotion
-from climbplan.store.atomic_file import written_aside
+from climbplan.store.atomic_file import replace_atomically
 
 FORMAT, VERSION = "climbplan/motion", 1
 EULER = "R = Rz(yaw) Ry(pitch) Rx(roll), body to world"
@@ -32,7 +32,7 @@ SIGNS = {
 }
 
 
-def facts_of(motion: RobotMotion) -> dict[str, object]:
+def collect_facts(motion: RobotMotion) -> dict[str, object]:
     """Return what readers of a motion have to know beside its samples, as plain values."""
     joints, facts = motion.joints, dict(motion.facts)
     toes = facts.pop("toes", {})
@@ -52,7 +52,7 @@ def facts_of(motion: RobotMotion) -> dict[str, object]:
         "frames": FRAMES,
         "signs": SIGNS,
         "effort_has_gravity": joints is not None and joints.has_gravity_effort,
-        "joints": [] if joints is None else _joints(joints),
+        "joints": [] if joints is None else _list_joints(joints),
         "contacts": []
         if contacts is None
         else [{"name": name, "radius": radius, **toes.get(name, {})} for name in contacts.names],
@@ -61,7 +61,7 @@ def facts_of(motion: RobotMotion) -> dict[str, object]:
     }
 
 
-def _joints(joints: JointMotion) -> list[dict[str, object]]:
+def _list_joints(joints: JointMotion) -> list[dict[str, object]]:
     rows = []
     for j, name in enumerate(joints.names):
         row: dict[str, object] = {
@@ -74,14 +74,14 @@ def _joints(joints: JointMotion) -> list[dict[str, object]]:
                 "limb": joints.limits.limb[j],
                 "gain_rigid": float(joints.limits.rigid_gain[j]),
                 "damping": float(joints.limits.damping[j]),
-                "max_torque": _finite(float(joints.limits.max_torque[j])),
+                "max_torque": _replace_infinite(float(joints.limits.max_torque[j])),
             }
         rows.append(row)
     return rows
 
 
-def _finite(value: float) -> float | None:
-    """A number as JSON has them; None of no limit."""
+def _replace_infinite(value: float) -> float | None:
+    """Return a number as JSON has them; None of no limit."""
     return value if math.isfinite(value) else None
 
 
@@ -92,6 +92,6 @@ def write_sidecar(motion: RobotMotion, out: Path) -> None:
 
 def write_facts(motion: RobotMotion, out: Path) -> None:
     """Write a JSON file; raises UsageError if it cannot be written."""
-    text = json.dumps(facts_of(motion), indent=2, allow_nan=False) + "\n"
-    with written_aside(out) as aside:
-        aside.write_text(text, encoding="utf-8")
+    text = json.dumps(collect_facts(motion), indent=2, allow_nan=False) + "\n"
+    with replace_atomically(out) as temporary_path:
+        temporary_path.write_text(text, encoding="utf-8")

@@ -10,8 +10,8 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.exports.motion import RobotMotion
-from climbplan.exports.sidecar import facts_of
-from climbplan.store.atomic_file import written_aside
+from climbplan.exports.sidecar import collect_facts
+from climbplan.store.atomic_file import replace_atomically
 from climbplan.store.csv_file import write_csv
 
 BASE = "base"  # in names of columns: the root link of the URDF, whatever its name
@@ -32,7 +32,7 @@ def write_table(motion: RobotMotion, out: Path) -> None:
         columns += [motion.base.position, motion.base.quaternion]
     if motion.joints is not None:
         joints = motion.joints
-        told: list[tuple[str, str, Array]] = [
+        joint_columns: list[tuple[str, str, Array]] = [
             ("position_rad", "position_m", joints.command),
             ("velocity_rad_s", "velocity_m_s", joints.velocity),
             ("acceleration_rad_s2", "acceleration_m_s2", joints.acceleration),
@@ -41,7 +41,7 @@ def write_table(motion: RobotMotion, out: Path) -> None:
             ("torque_Nm", "force_N", joints.torque),
             ("gravity_Nm", "gravity_N", joints.gravity),
         ]
-        for turning, sliding, values in told:
+        for turning, sliding, values in joint_columns:
             header += [
                 f"{name}_{sliding if joints.is_sliding(j) else turning}"
                 for j, name in enumerate(joints.names)
@@ -66,10 +66,10 @@ def write_table(motion: RobotMotion, out: Path) -> None:
             latches.anchor.astype(float),
             latches.anchor_position.reshape(len(motion.time), -1),
         ]
-    write_csv(out, header, _rows(np.hstack(columns)))
+    write_csv(out, header, _iterate_rows(np.hstack(columns)))
 
 
-def _rows(table: Array) -> Iterator[list[float]]:
+def _iterate_rows(table: Array) -> Iterator[list[float]]:
     for row in table:
         yield row.tolist()
 
@@ -82,7 +82,7 @@ def write_arrays(motion: RobotMotion, out: Path) -> None:
     arrays: dict[str, np.ndarray] = {
         "time": motion.time,
         "words": np.array(motion.words),
-        "facts": np.array(json.dumps(facts_of(motion))),
+        "facts": np.array(json.dumps(collect_facts(motion))),
     }
     for body in motion.bodies:
         arrays[f"body/{body.name}/position"] = body.position
@@ -119,5 +119,5 @@ def write_arrays(motion: RobotMotion, out: Path) -> None:
         arrays["latch/anchor"] = latches.anchor
         arrays["latch/anchor_names"] = np.array(latches.anchor_names)
         arrays["latch/anchor_position"] = latches.anchor_position
-    with written_aside(out) as aside, aside.open("wb") as stream:
+    with replace_atomically(out) as temporary_path, temporary_path.open("wb") as stream:
         np.savez_compressed(stream, allow_pickle=False, **arrays)

@@ -27,21 +27,24 @@ class Camera:
         return np.array([right, up, toward])
 
     def project(self, points: Array) -> Array:
-        """Picture coordinates (..., 2) of world points (..., 3) [m]."""
+        """Return picture coordinates (..., 2) of world points (..., 3) [m]."""
         return np.asarray(points) @ self.axes[:2].T
 
     def depth(self, points: Array) -> Array:
-        """Distance towards the viewer (...) of world points (..., 3) [m]."""
+        """Return distance towards the viewer (...) of world points (..., 3) [m]."""
         depth: Array = np.asarray(points) @ self.axes[2]
         return depth
 
     def faces_viewer(self, normal: Array) -> bool:
-        """Whether a face with this outward normal is seen from its outside."""
+        """Return whether a face with this outward normal is seen from its outside."""
         return float(self.axes[2] @ normal) > 1e-9
 
 
-def clear_view(azimuth_deg: float, elevation_deg: float, path: Array, blocks: Array) -> Camera:
-    """The camera at plus or minus an azimuth, on the side where blocks stand less in the way.
+def choose_clear_view(
+    azimuth_deg: float, elevation_deg: float, path: Array, blocks: Array
+) -> Camera:
+    """Return the camera at plus or minus an azimuth, on the side where blocks stand less in the
+    way.
 
     path: (P, 3) what is to be seen; blocks: (B, 3) corners of what may hide it [m].
     """
@@ -55,11 +58,13 @@ FRONT = Camera(-90.0, 0.0)  # x to the right, z up
 SIDE = Camera(0.0, 0.0)  # y to the right, z up
 
 
-def silhouette(points: Array) -> Array:
-    """Corners of the convex outline of projected points (K, 2); two ends if all lie on a line."""
+def compute_silhouette(points: Array) -> Array:
+    """Return corners of the convex outline of projected points (K, 2); two ends if all lie on a
+    line.
+    """
     try:
         return np.asarray(points[ConvexHull(points).vertices])
     except QhullError:
         spread = points - points.mean(axis=0)
-        along = spread @ np.linalg.svd(spread)[2][0]
-        return points[[np.argmin(along), np.argmax(along)]]
+        line_coordinate = spread @ np.linalg.svd(spread)[2][0]
+        return points[[np.argmin(line_coordinate), np.argmax(line_coordinate)]]

@@ -9,23 +9,23 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 
 
-def key_frames(time: Array, values: Array, forced: BoolArray, tolerance: float) -> IntArray:
-    """Indices of samples between which linear interpolation errs by at most `tolerance`.
+def select_key_frames(time: Array, values: Array, forced: BoolArray, tolerance: float) -> IntArray:
+    """Return indices of samples between which linear interpolation errs by at most `tolerance`.
 
     time: (T,); values: (T, D); forced: (T,) samples that must be kept. Splits at the worst sample
     until none is off (Ramer, Douglas, Peucker).
     """
     keep = forced.copy()
     keep[[0, -1]] = True
-    kept = np.flatnonzero(keep)
-    open_spans = list(pairwise(kept))
+    forced_samples = np.flatnonzero(keep)
+    open_spans = list(pairwise(forced_samples))
     while open_spans:
         first, last = open_spans.pop()
         if last - first < 2:
             continue
         inside = slice(first + 1, last)
-        share = (time[inside] - time[first]) / (time[last] - time[first])
-        straight = values[first] + share[:, None] * (values[last] - values[first])
+        fraction = (time[inside] - time[first]) / (time[last] - time[first])
+        straight = values[first] + fraction[:, None] * (values[last] - values[first])
         error = np.abs(values[inside] - straight).max(axis=1)
         worst = int(np.argmax(error))
         if error[worst] > tolerance:

@@ -17,12 +17,12 @@ _OF_THE_FILE = ("file.", "robot.", "terrain.", "limits.")
 
 
 def read_part(name: str) -> str:
-    """The text of a file in page/."""
+    """Return the text of a file in page/."""
     return files("climbplan.reports").joinpath("page").joinpath(name).read_text(encoding="utf-8")
 
 
-def policy(scripts: Iterable[str]) -> str:
-    """A content policy that allows these inline scripts, no others, and no network at all."""
+def build_policy(scripts: Iterable[str]) -> str:
+    """Return a content policy that allows these inline scripts, no others, and no network at all."""
     digests = (hashlib.sha256(text.encode()).digest() for text in scripts)
     allowed = " ".join(f"'sha256-{base64.b64encode(d).decode()}'" for d in digests) or "'none'"
     return (
@@ -49,11 +49,12 @@ class Table:
 
     @classmethod
     def of(cls, head: Iterable[str], rows: Iterable[Iterable[str]]) -> Table:
-        """A table of any iterables; columns in which nothing stands are left out."""
+        """Return a table of any iterables; columns in which nothing stands are left out."""
         names, cells = tuple(head), tuple(tuple(row) for row in rows)
-        kept = [k for k in range(len(names)) if not cells or any(row[k] for row in cells)]
+        filled_columns = [k for k in range(len(names)) if not cells or any(row[k] for row in cells)]
         return cls(
-            tuple(names[k] for k in kept), tuple(tuple(row[k] for k in kept) for row in cells)
+            tuple(names[k] for k in filled_columns),
+            tuple(tuple(row[k] for k in filled_columns) for row in cells),
         )
 
 
@@ -70,37 +71,41 @@ class CheckRow:
 
     @property
     def of_the_file(self) -> bool:
-        """Whether it is about the file, its data and its spec, not about what the robot does."""
+        """Return whether it is about the file, its data and its spec, not about what the robot
+        does.
+        """
         return self.name.startswith(_OF_THE_FILE)
 
 
-def check_rows(report: Mapping[str, Any], meanings: Mapping[str, str]) -> list[CheckRow]:
-    """Verification, failed checks first, those of the file last. meanings: of checks by name."""
-    rows = [_check_row(check, meanings) for check in report["verification"]]
+def build_check_rows(report: Mapping[str, Any], meanings: Mapping[str, str]) -> list[CheckRow]:
+    """Return verification, failed checks first, those of the file last. meanings: of checks by
+    name.
+    """
+    rows = [_build_check_row(check, meanings) for check in report["verification"]]
     order = ("failed", "not judged", "passed")
     return sorted(rows, key=lambda row: (order.index(row.mark), row.of_the_file))
 
 
-def _check_row(check: Mapping[str, Any], meanings: Mapping[str, str]) -> CheckRow:
+def _build_check_row(check: Mapping[str, Any], meanings: Mapping[str, str]) -> CheckRow:
     unit = f" {check['unit']}" if check["unit"] else ""
     return CheckRow(
         mark=check["result"],
         name=check["name"],
         meaning=meanings.get(check["name"], ""),
-        residual=_shown(check["residual"]) + unit,
-        limit=_shown(check["limit"]) + unit,
-        margin=" · ".join(part for part in (check["margin"], check["worst_at"]) if part),
+        residual=_format_number(check["residual"]) + unit,
+        limit=_format_number(check["limit"]) + unit,
+        margin=" · ".join(text for text in (check["margin"], check["worst_at"]) if text),
     )
 
 
-def _shown(number: float | None) -> str:
+def _format_number(number: float | None) -> str:
     return "not finite" if number is None else f"{number:.2e}" if number else "0"
 
 
-def sequence_rows(report: Mapping[str, Any]) -> Table | None:
-    """All contact sequences that a search found; None where there was none."""
-    found = report.get("sequences")
-    if not found:
+def build_sequence_table(report: Mapping[str, Any]) -> Table | None:
+    """Return all contact sequences that a search found; None where there was none."""
+    sequences = report.get("sequences")
+    if not sequences:
         return None
 
     def factor(value: float | None) -> str:
@@ -116,47 +121,47 @@ def sequence_rows(report: Mapping[str, Any]) -> Table | None:
                 factor(row["safety_friction"]),
                 row["outcome"],
             )
-            for row in found
+            for row in sequences
         ),
     )
 
 
-def verdict(report: Mapping[str, Any]) -> str:
-    """How the verification went, in a sentence."""
+def summarise_verification(report: Mapping[str, Any]) -> str:
+    """Return how the verification went, in a sentence."""
     checks = report["verification"]
     failed = [check["name"] for check in checks if not check["passed"]]
-    told = [check["name"] for check in checks if check["passed"] and not check["judged"]]
-    if not failed and told:
-        judged = len(checks) - len(told)
-        return f"All {judged} checks passed that are judged; not judged: {', '.join(told)}."
+    unjudged = [check["name"] for check in checks if check["passed"] and not check["judged"]]
+    if not failed and unjudged:
+        judged = len(checks) - len(unjudged)
+        return f"All {judged} checks passed that are judged; not judged: {', '.join(unjudged)}."
     if not failed:
         return f"All {len(checks)} checks passed."
     return f"{len(failed)} of {len(checks)} checks failed: {', '.join(failed)}."
 
 
-def plain_words(value: object) -> str:
-    """A size or count of any shape as words."""
+def format_value(value: object) -> str:
+    """Return a size or count of any shape as words."""
     if isinstance(value, Mapping):
-        return ", ".join(f"{k} {plain_words(v)}" for k, v in value.items())
+        return ", ".join(f"{k} {format_value(v)}" for k, v in value.items())
     if isinstance(value, float):
         return f"{value:.4g}"
     if isinstance(value, (list, tuple)):
-        return ", ".join(plain_words(v) for v in value)
+        return ", ".join(format_value(v) for v in value)
     return str(value)
 
 
-def data_address(image: bytes, kind: str = "png") -> str:
-    """A picture as the address of itself."""
+def encode_data_url(image: bytes, kind: str = "png") -> str:
+    """Return a picture as the address of itself."""
     return f"data:image/{kind};base64,{base64.b64encode(image).decode()}"
 
 
-def style() -> str:
-    """The style sheet with the colours of the figures."""
+def build_style() -> str:
+    """Return the style sheet with the colours of the figures."""
     colors = {
         "failure": palette.FAILURE,
         "force": palette.FORCE,
         "surface": palette.SURFACE,
         "obstacle": palette.OBSTACLE,
     }
-    own = "".join(f"--{name}:{color};" for name, color in colors.items())
-    return f":root{{{own}}}\n" + read_part("style.css")
+    variables = "".join(f"--{name}:{color};" for name, color in colors.items())
+    return f":root{{{variables}}}\n" + read_part("style.css")

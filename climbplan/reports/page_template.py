@@ -18,14 +18,14 @@ from markupsafe import Markup
 from climbplan.reports.page_parts import (
     Card,
     Rows,
-    check_rows,
-    data_address,
-    plain_words,
-    policy,
-    style,
-    verdict,
+    build_check_rows,
+    encode_data_url,
+    format_value,
+    build_policy,
+    build_style,
+    summarise_verification,
 )
-from climbplan.reports.unit_words import written
+from climbplan.reports.unit_words import format_units
 from climbplan.verification.level import Level
 
 Fields = dict[str, Any]  # by name, as templates use them
@@ -34,8 +34,8 @@ NOTHING: Mapping[str, Markup] = MappingProxyType({})
 
 
 @cache
-def _templates() -> Environment:
-    """The templates of page/. A field that a template names and nobody gives is an error."""
+def _load_templates() -> Environment:
+    """Return the templates of page/. A field that a template names and nobody gives is an error."""
     environment = Environment(
         loader=PackageLoader("climbplan.reports", "page"),
         autoescape=True,
@@ -44,16 +44,16 @@ def _templates() -> Environment:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    environment.filters["written"] = written
+    environment.filters["written"] = format_units
     return environment
 
 
 def fill(template: str, **fields: Any) -> str:
-    """The page: a template of page/ with its fields."""
-    return _templates().get_template(template).render(fields)
+    """Return the page: a template of page/ with its fields."""
+    return _load_templates().get_template(template).render(fields)
 
 
-def frame_fields(
+def build_frame_fields(
     title: str,
     kicker: Sequence[str],
     badges: Sequence[str],
@@ -64,7 +64,7 @@ def frame_fields(
     data: Mapping[str, Markup] = NOTHING,
     colour: str = "",
 ) -> Fields:
-    """Fields of head, summary and foot, and the pictures.
+    """Return fields of head, summary and foot, and the pictures.
 
     kicker: words above the title. good: colour of the first badge and of the verdict; colour: of
     the badge alone. images: PNG files by name. scripts: run as they are; data: what they
@@ -72,8 +72,10 @@ def frame_fields(
     """
     verdict_colour = "good" if good else "bad"
     return {
-        "policy": Markup(policy(scripts)),  # its quotation marks are single, the attribute's double
-        "style": Markup(style()),
+        "policy": Markup(
+            build_policy(scripts)
+        ),  # its quotation marks are single, the attribute's double
+        "style": Markup(build_style()),
         "title": title,
         "kicker": ("climbplan", *kicker),
         "badges": tuple(badges),
@@ -84,13 +86,13 @@ def frame_fields(
         "leaves_out": (),
         "fragile": (),
         "cards": tuple(cards),
-        "images": {name: data_address(image) for name, image in images.items()},
+        "images": {name: encode_data_url(image) for name, image in images.items()},
         "data": data,
         "scripts": tuple(Markup(script) for script in scripts),
     }
 
 
-def report_fields(
+def build_report_fields(
     report: Mapping[str, Any],
     kind: str,
     cards: Iterable[Card],
@@ -100,12 +102,12 @@ def report_fields(
     data: Mapping[str, Markup] = NOTHING,
 ) -> Fields:
     """As `frame_fields`, of a report; its badges say what it is verified in, and its status."""
-    plain = "verified" if report["verified"] else "not verified"
-    return frame_fields(
+    default_badge = "verified" if report["verified"] else "not verified"
+    return build_frame_fields(
         title=report["title"] or report["name"],
         kicker=(report["name"], kind),
         badges=(
-            report.get("badge") or plain,
+            report.get("badge") or default_badge,
             *([report["stands"]] if report.get("stands") else []),
             *(["fragile"] if report.get("fragile") else []),
             status,
@@ -117,50 +119,54 @@ def report_fields(
         scripts=scripts,
         data=data,
     ) | {
-        "level": level_words(report),
+        "level": describe_level(report),
         **{name: tuple(report.get(name, ())) for name in ("implausible", "leaves_out", "fragile")},
     }
 
 
-def level_words(report: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Title, advice and colour of a report's level; empty for reports without one."""
+def describe_level(report: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Return title, advice and colour of a report's level; empty for reports without one."""
     if "level" not in report:
         return "", "", ""
     level = Level(report["level"])
     return level.label, report["advice"], _LEVEL_COLOURS[level]
 
 
-def run_fields(
+def build_run_fields(
     report: Mapping[str, Any],
     tables: Mapping[str, Rows],
     spec_of: str = "this plan was made from",
 ) -> Fields:
-    """Fields of run and spec.
+    """Return fields of run and spec.
 
     tables: of the run beside its times, by caption; those without rows are not shown.
     """
-    times = [(stage, f"{plain_words(spent)} s") for stage, spent in report["timings"].items()]
-    shown = {caption: tuple(rows) for caption, rows in {"Time by stage": times, **tables}.items()}
+    times = [
+        (stage, f"{format_value(duration)} s") for stage, duration in report["timings"].items()
+    ]
+    tables_by_caption = {
+        caption: tuple(rows) for caption, rows in {"Time by stage": times, **tables}.items()
+    }
     return {
-        "run_tables": {caption: rows for caption, rows in shown.items() if rows},
+        "run_tables": {caption: rows for caption, rows in tables_by_caption.items() if rows},
         "spec_of": spec_of,
         "spec_text": report["spec"],
     }
 
 
-def plan_tables(report: Mapping[str, Any], origin: Rows) -> dict[str, Rows]:
-    """The run's tables of a plan; sizes that count nothing are left out."""
-    sizes = [(name, plain_words(size)) for name, size in report["sizes"].items()]
+def build_plan_tables(report: Mapping[str, Any], origin: Rows) -> dict[str, Rows]:
+    """Return the run's tables of a plan; sizes that count nothing are left out."""
+    sizes = [(name, format_value(size)) for name, size in report["sizes"].items()]
     return {
-        "Solvers": _words(report["solvers"]),
-        "Sizes": [(name, words) for name, words in sizes if words],
+        "Solvers": _build_rows(report["solvers"]),
+        "Sizes": [(name, size_text) for name, size_text in sizes if size_text],
         "Plan": origin,
     }
 
 
-def origin_rows(report: Mapping[str, Any], first: Mapping[str, object]) -> Rows:
-    """What it is (`first`), and where it comes from."""
-    return _words(
+def build_origin_rows(report: Mapping[str, Any], first: Mapping[str, object]) -> Rows:
+    """Return what it is (`first`), and where it comes from."""
+    return _build_rows(
         {
             **first,
             "Created": report["created"],
@@ -171,25 +177,25 @@ def origin_rows(report: Mapping[str, Any], first: Mapping[str, object]) -> Rows:
     )
 
 
-def verification_fields(
+def build_verification_fields(
     report: Mapping[str, Any],
     meanings: Mapping[str, str],
     note: str = "Everything is recomputed from the plan file alone.",
 ) -> Fields:
-    """Fields of summary and checks. meanings: of the checks, by name."""
+    """Return fields of summary and checks. meanings: of the checks, by name."""
     return {
-        "verdict": verdict(report),
+        "verdict": summarise_verification(report),
         "warnings": tuple(report.get("warnings", ())),
-        "checks": check_rows(report, meanings),
+        "checks": build_check_rows(report, meanings),
         "checks_note": note,
     }
 
 
-def data_element(identifier: str, value: object) -> dict[str, Markup]:
-    """JSON for scripts by the element that holds it, which the text cannot end."""
+def build_data_element(identifier: str, value: object) -> dict[str, Markup]:
+    """Return JSON for scripts by the element that holds it, which the text cannot end."""
     text = json.dumps(value, allow_nan=False, separators=(",", ":"))
     return {identifier: Markup(text.replace("<", "\\u003c"))}
 
 
-def _words(values: Mapping[str, object]) -> Rows:
+def _build_rows(values: Mapping[str, object]) -> Rows:
     return [(name, str(value)) for name, value in values.items()]

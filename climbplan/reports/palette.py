@@ -31,14 +31,14 @@ CONE_SHRUNK = "#E08E79"
 LABELS = ("#4DA37F", "#E0A03A", "#8C5FA8")  # feasible, force-, kinematics-infeasible
 
 
-def ink_on(color: str) -> str:
-    """The colour of text on "#rrggbb": dark, or white where that has more contrast (WCAG 2)."""
-    channels = [int(color[place : place + 2], 16) / 255 for place in (1, 3, 5)]
+def choose_ink(color: str) -> str:
+    """Return the colour of text on "#rrggbb": dark, or white where that has more contrast (WCAG 2)."""
+    channels = [int(color[offset : offset + 2], 16) / 255 for offset in (1, 3, 5)]
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
     luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
     return INK if luminance > 0.18 else "#FFFFFF"
 
 
-def limb_color(limb: int) -> str:
-    """Colour of a limb; repeats after eight, where names tell limbs apart."""
+def choose_limb_color(limb: int) -> str:
+    """Return colour of a limb; repeats after eight, where names tell limbs apart."""
     return LIMBS[limb % len(LIMBS)]

@@ -27,7 +27,7 @@ class FigureOf:
     function: str
 
     def __call__(self, plan: Any, **options: Any) -> Figure:
-        """The figure drawn; options: of the function."""
+        """Return the figure drawn; options: of the function."""
         return resolve_name(self.function)(plan, **options)
 
 
@@ -42,7 +42,7 @@ class PlanReport(Generic[Plan]):
     page: Callable[[Plan, Mapping[str, Any], Mapping[str, bytes]], str]  # of values and PNG files
 
     def report_dict(self, path: Path) -> dict[str, Any]:
-        """The report of a plan file as JSON-ready values, the verification made anew.
+        """Return the report of a plan file as JSON-ready values, the verification made anew.
 
         Raises PlanFileError for a damaged file.
         """
@@ -57,11 +57,11 @@ class PlanReport(Generic[Plan]):
         renamed. Raises PlanFileError for a damaged plan and UsageError where the directory cannot
         be written to.
         """
-        from climbplan.reports.sheet import drawn_as_png
+        from climbplan.reports.sheet import render_figures
 
         plan = self.read(path)
         report = self.values(plan, verification or self.verify(path))
-        images = drawn_as_png(plan, self.figures(plan))
+        images = render_figures(plan, self.figures(plan))
         write_files(directory, report, self.page(plan, report, images), images)
 
     def write_values(

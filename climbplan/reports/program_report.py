@@ -16,8 +16,10 @@ from climbplan.verification.verification import Verification
 _LISTED_ROWS = 1000  # beyond these the plan file has them all
 
 
-def report_dict(plan: ProgramPlan, verification: Verification) -> dict[str, Any]:
-    """Plain values: the plan's attributes, the checks, each row's outcome; no NaN, no infinity."""
+def build_report(plan: ProgramPlan, verification: Verification) -> dict[str, Any]:
+    """Return plain values: the plan's attributes, the checks, each row's outcome; no NaN, no
+    infinity.
+    """
     answered = plan.objective[plan.found]
     return {
         "format": FORMAT,
@@ -27,18 +29,18 @@ def report_dict(plan: ProgramPlan, verification: Verification) -> dict[str, Any]
         "status": plan.overall,
         "verified": verification.passed,
         **verification.scope(),
-        "objective": _number(plan.total),
-        "bound": _number(plan.total_bound),
+        "objective": _replace_infinite(plan.total),
+        "bound": _replace_infinite(plan.total_bound),
         "seed": plan.seed,
         "spec_sha256": plan.spec_sha256,
         "rows": {
             "count": plan.count,
             "answered": int(plan.found.sum()),
-            "mean_objective": _number(float(answered.mean()) if len(answered) else None),
-            "mean_time": _number(float(plan.time.mean())),
-            "worst_time": _number(float(plan.time.max())),
+            "mean_objective": _replace_infinite(float(answered.mean()) if len(answered) else None),
+            "mean_time": _replace_infinite(float(plan.time.mean())),
+            "worst_time": _replace_infinite(float(plan.time.max())),
         },
-        "results": [_row(plan, k) for k in range(min(plan.count, _LISTED_ROWS))],
+        "results": [_build_row(plan, k) for k in range(min(plan.count, _LISTED_ROWS))],
         "verification": verification.as_dict(),
         "timings": dict(plan.timings),
         "solvers": dict(plan.solvers),
@@ -52,17 +54,17 @@ def write_report(report: dict[str, Any], directory: Path) -> None:
     (directory / "report.json").write_text(text + "\n", encoding="utf-8")
 
 
-def _row(plan: ProgramPlan, k: int) -> dict[str, Any]:
+def _build_row(plan: ProgramPlan, k: int) -> dict[str, Any]:
     blocks = {
         block.name: plan.x[k, block.start : block.stop].reshape(block.shape).tolist()
         for block in plan.layouts.variables
     }
     row: dict[str, Any] = {
         "status": plan.status[k],
-        "objective": _number(float(plan.objective[k])),
-        "bound": _number(float(plan.bound[k])),
-        "gap": _number(float(plan.gap[k])),
-        "time": _number(float(plan.time[k])),
+        "objective": _replace_infinite(float(plan.objective[k])),
+        "bound": _replace_infinite(float(plan.bound[k])),
+        "gap": _replace_infinite(float(plan.gap[k])),
+        "time": _replace_infinite(float(plan.time[k])),
         "method": plan.method[k],
         "winner": plan.winner[k],
         "tried": int(plan.tried[k]),
@@ -73,5 +75,5 @@ def _row(plan: ProgramPlan, k: int) -> dict[str, Any]:
     return row
 
 
-def _number(value: float | None) -> float | None:
+def _replace_infinite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None

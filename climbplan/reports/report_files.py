@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from climbplan.errors import UsageError
-from climbplan.store.atomic_file import written_aside
+from climbplan.store.atomic_file import replace_atomically
 
 
 def write_files(
@@ -36,15 +36,15 @@ def write_values(directory: Path, report: Mapping[str, Any]) -> None:
     _write(directory / "report.json", f"{text}\n".encode())
 
 
-def finite(value: Any) -> Any:
-    """The same without NaN and infinities, which JSON cannot hold."""
+def replace_non_finite(value: Any) -> Any:
+    """Return the same without NaN and infinities, which JSON cannot hold."""
     if isinstance(value, Mapping):
-        return {str(key): finite(entry) for key, entry in value.items()}
+        return {str(key): replace_non_finite(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
-        return [finite(entry) for entry in value]
+        return [replace_non_finite(entry) for entry in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _write(path: Path, content: bytes) -> None:
-    with written_aside(path) as aside:
-        aside.write_bytes(content)
+    with replace_atomically(path) as temporary_path:
+        temporary_path.write_bytes(content)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from climbplan.reports.page_parts import Card, Table
-from climbplan.reports.page_template import fill, frame_fields
-from climbplan.reports.robot_picture import robot_picture
-from climbplan.reports.sheet import png
+from climbplan.reports.page_template import fill, build_frame_fields
+from climbplan.reports.robot_picture import draw_robot_picture
+from climbplan.reports.sheet import render_png
 from climbplan.robots.facts import measure_robot
 from climbplan.robots.model import Robot, dynamics_of
 from climbplan.robots.task_robot import with_stance
@@ -21,19 +21,24 @@ _JOINTS = ("leg", "joint", "bounds [deg]", "standing [deg]", "torque [N m]", "sp
            "stiffness [N m/rad]")  # fmt: skip
 
 
-def robot_page(
+def build_robot_page(
     proposal: Proposal,
     brace: Posture | None,
-    told: Sequence[tuple[str, bool]],
-    looks: VisualGeometry | None = None,
+    outcomes: Sequence[tuple[str, bool]],
+    visual_geometry: VisualGeometry | None = None,
 ) -> str:
-    """The page; told: what became of each spec that uses the robot, and whether it is a plan.
+    """Return the page; told: what became of each spec that uses the robot, and whether it is a
+    plan.
 
     looks: the URDF's visual geometry, which the pictures show.
     """
     robot = proposal.robot
     facts = measure_robot(robot)
-    images = {"standing on ground": png(robot_picture(facts, "standing on ground", looks))}
+    images = {
+        "standing on ground": render_png(
+            draw_robot_picture(facts, "standing on ground", visual_geometry)
+        )
+    }
     if brace is not None:
         toes = {
             name: (float(x), float(y), float(z))
@@ -41,7 +46,7 @@ def robot_page(
         }
         braced = measure_robot(with_stance(robot, toes))
         title = f"between walls {brace.gap + 2 * robot.standoff:.3f} m apart"
-        images[title] = png(robot_picture(braced, title, looks))
+        images[title] = render_png(draw_robot_picture(braced, title, visual_geometry))
     notes = [("IMPLAUSIBLE", text) for text in proposal.implausible]
     notes += [("ASSUMED", text) for text in proposal.assumptions]
     cards = [
@@ -60,9 +65,14 @@ def robot_page(
         cards.append(Card("Feet", size, "soles, by collision geometry"))
     elif robot.foot is not None:
         cards.append(Card("Feet", f"{1e3 * robot.foot.radius:g} mm", "spheres round the toes"))
-    whole = all(good for _, good in told)
-    fields = frame_fields(
-        robot.name, ("robot",), tuple(words for words, _ in told), whole, cards, images
+    is_whole = all(good for _, good in outcomes)
+    fields = build_frame_fields(
+        robot.name,
+        ("robot",),
+        tuple(outcome_text for outcome_text, _ in outcomes),
+        is_whole,
+        cards,
+        images,
     )
     verdict = "Proposed from its URDF: look at what is assumed before it is believed."
     return fill(
@@ -70,12 +80,12 @@ def robot_page(
         **fields,
         verdict=verdict,
         notes=notes,
-        joints=Table.of(_JOINTS, _joint_rows(proposal)),
-        links=Table.of(("carried by", "mass [kg]", "links"), _link_rows(proposal)),
+        joints=Table.of(_JOINTS, _build_joint_rows(proposal)),
+        links=Table.of(("carried by", "mass [kg]", "links"), _build_link_rows(proposal)),
     )
 
 
-def _joint_rows(proposal: Proposal) -> list[list[str]]:
+def _build_joint_rows(proposal: Proposal) -> list[list[str]]:
     robot: Robot = proposal.robot
     rows = []
     for n, leg in enumerate(robot.limb_names):
@@ -97,20 +107,22 @@ def _joint_rows(proposal: Proposal) -> list[list[str]]:
     return rows
 
 
-def _link_rows(proposal: Proposal) -> list[list[str]]:
-    """Moving parts: their joint, their mass, and the links fixed together in them."""
+def _build_link_rows(proposal: Proposal) -> list[list[str]]:
+    """Return moving parts: their joint, their mass, and the links fixed together in them."""
     tree = proposal.tree
     by_child = tree.by_child
-    parts: dict[str, list[str]] = {}
+    links_by_part: dict[str, list[str]] = {}
     for name in tree.links:
-        here = name
-        while here in by_child and by_child[here].kind == "fixed":
-            here = by_child[here].parent
-        parts.setdefault(here, []).append(name)
+        part_root = name
+        while part_root in by_child and by_child[part_root].kind == "fixed":
+            part_root = by_child[part_root].parent
+        links_by_part.setdefault(part_root, []).append(name)
     rows = []
-    for first, links in parts.items():
+    for first, links in links_by_part.items():
         mass = sum(tree.links[name].mass for name in links)
         joint = by_child[first].name if first in by_child else "the body"
-        shown = ", ".join(links[:4]) + (f" and {len(links) - 4} more" if len(links) > 4 else "")
-        rows.append([joint, f"{mass:.4g}", shown])
+        link_names = ", ".join(links[:4]) + (
+            f" and {len(links) - 4} more" if len(links) > 4 else ""
+        )
+        rows.append([joint, f"{mass:.4g}", link_names])
     return rows

@@ -8,30 +8,32 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.reports import palette
-from climbplan.reports.viewer.camera import followed, moving
-from climbplan.reports.viewer.scene import Scene, outline
+from climbplan.reports.viewer.camera import compute_camera_path, measure_moving_parts
+from climbplan.reports.viewer.scene import Scene, compute_outline
 
 _LONGEST_FORCE = 0.5  # share of what moves
 _BEFORE = 1.0  # [s] before a box first moves
 _MOVED = 1e-3  # [m]
 
 
-def scene_replay(scene: Scene) -> dict[str, Any]:
-    """Plain values, rounded to 0.1 mm; forces as arrows [m] that end at their points."""
-    middle, extent = moving(scene)
+def build_scene_replay(scene: Scene) -> dict[str, Any]:
+    """Return plain values, rounded to 0.1 mm; forces as arrows [m] that end at their points."""
+    middle, extent = measure_moving_parts(scene)
     data: dict[str, Any] = {
         "time": scene.time.round(4).tolist(),
-        "start": round(beginning(scene), 3),
+        "start": round(find_start_time(scene), 3),
         "caption": list(scene.caption),
-        "middle": _short(followed(scene, middle, scene.time)),  # (F, 3) what the camera follows
+        "middle": _round_values(
+            compute_camera_path(scene, middle, scene.time)
+        ),  # (F, 3) what the camera follows
         "extent": extent,  # [m] of what moves
         "azimuth": scene.azimuth_deg,
         "elevation": scene.elevation_deg,
         "shapes": [
             {
-                "vertices": _short(shape.vertices),
+                "vertices": _round_values(shape.vertices),
                 "faces": shape.faces.tolist(),
-                "outline": outline(shape).tolist(),
+                "outline": compute_outline(shape).tolist(),
                 "color": shape.color,
                 "opacity": shape.opacity,
             }
@@ -41,15 +43,15 @@ def scene_replay(scene: Scene) -> dict[str, Any]:
     if scene.boxes is not None:
         boxes = scene.boxes
         data["boxes"] = {
-            "center": _short(boxes.center),
-            "rotation": _short(boxes.rotation),
-            "size": _short(boxes.size),
+            "center": _round_values(boxes.center),
+            "rotation": _round_values(boxes.rotation),
+            "size": _round_values(boxes.size),
             "color": list(boxes.color),
         }
     if scene.rods is not None:
         rods = scene.rods
         data["rods"] = {
-            "ends": _short(rods.ends),
+            "ends": _round_values(rods.ends),
             "radius": rods.radius.tolist(),
             "color": list(rods.color),
         }
@@ -58,15 +60,15 @@ def scene_replay(scene: Scene) -> dict[str, Any]:
         largest = float(np.linalg.norm(forces.force, axis=-1).max(initial=0.0))
         scale = _LONGEST_FORCE * extent / largest if largest > 0 else 0.0
         data["forces"] = {
-            "point": _short(forces.point),
-            "arrow": _short(scale * forces.force),
+            "point": _round_values(forces.point),
+            "arrow": _round_values(scale * forces.force),
             "color": palette.FORCE_ON_PAGES,
         }
     return data
 
 
-def beginning(scene: Scene) -> float:
-    """The time [s] from which a scene is shown: shortly before the first box moves.
+def find_start_time(scene: Scene) -> float:
+    """Return the time [s] from which a scene is shown: shortly before the first box moves.
 
     What comes before can be looked at; a scene without boxes, or with one that moves at once, is
     shown from its first sample.
@@ -74,12 +76,12 @@ def beginning(scene: Scene) -> float:
     start = float(scene.time[0])
     if scene.boxes is None:
         return start
-    way = np.linalg.norm(scene.boxes.center - scene.boxes.center[0], axis=-1).max(axis=1)
-    moved = np.flatnonzero(way > _MOVED)
-    if not len(moved):
+    displacement = np.linalg.norm(scene.boxes.center - scene.boxes.center[0], axis=-1).max(axis=1)
+    moved_samples = np.flatnonzero(displacement > _MOVED)
+    if not len(moved_samples):
         return start
-    return max(start, float(scene.time[max(int(moved[0]) - 1, 0)]) - _BEFORE)
+    return max(start, float(scene.time[max(int(moved_samples[0]) - 1, 0)]) - _BEFORE)
 
 
-def _short(values: Array) -> Any:
+def _round_values(values: Array) -> Any:
     return np.round(values, 4).tolist()

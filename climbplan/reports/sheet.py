@@ -43,12 +43,12 @@ class PanelGrid(NamedTuple):
 
 
 def new_figure(height: float, *, entries: int) -> Figure:
-    """An empty white figure of the common width, with room for a legend of so many entries.
+    """Return an empty white figure of the common width, with room for a legend of so many entries.
 
     height: [in], of which no more than `TALLEST` is drawn: a plan file may claim any size.
     """
     height = min(height, TALLEST)
-    foot = _foot(entries)
+    foot = _compute_foot_height(entries)
     rect = (0.005, foot / height, 0.99, 1 - (foot + _HEAD) / height)
     layout = ConstrainedLayoutEngine(rect=rect)
     figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white", layout=layout)
@@ -56,7 +56,7 @@ def new_figure(height: float, *, entries: int) -> Figure:
     return figure
 
 
-def panel_grid(
+def build_panel_grid(
     height: float,
     *,
     entries: int,
@@ -65,7 +65,7 @@ def panel_grid(
     axes_drawn: bool = True,
     own_heights: bool = False,
 ) -> PanelGrid:
-    """A figure of equal panels on common axes; what stands round them has a fixed width.
+    """Return a figure of equal panels on common axes; what stands round them has a fixed width.
 
     Where panels are alike nothing is to be found out, and finding it out (constrained layout) costs
     as much as the drawing. height: [in]. axes_drawn: panels have ticks and labels, at the left of a
@@ -73,7 +73,7 @@ def panel_grid(
     panels have vertical axes of their own.
     """
     height = min(height, TALLEST)
-    foot = _foot(entries)
+    foot = _compute_foot_height(entries)
     figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
     FigureCanvasAgg(figure)
     left, below, across, down = _ROUND_AXES if axes_drawn else _ROUND_PICTURES
@@ -92,32 +92,34 @@ def panel_grid(
     return PanelGrid(figure, axes)
 
 
-def _foot(entries: int) -> float:
-    """Height [in] of the legend at the foot."""
+def _compute_foot_height(entries: int) -> float:
+    """Return height [in] of the legend at the foot."""
     return 0.12 + 0.24 * -(-entries // _LEGEND_COLUMNS)
 
 
 @cache
-def _glyphs() -> frozenset[int]:
-    """Characters the figures' font can draw."""
+def _list_glyphs() -> frozenset[int]:
+    """Return characters the figures' font can draw."""
     return frozenset(get_font(findfont("DejaVu Sans")).get_charmap())
 
 
-def plain(text: str, most: int = 64) -> str:
-    """Text from a spec, safe to draw: no formulas, a box for what the font lacks, not too long."""
-    known = _glyphs()
-    shown = "".join(c if ord(c) in known else "\u25a1" for c in " ".join(text.split()))
-    if len(shown) > most:
-        shown = f"{shown[: most - 1]}…"
-    return shown.replace("$", r"\$")
+def format_plain(text: str, max_length: int = 64) -> str:
+    """Return text from a spec, safe to draw: no formulas, a box for what the font lacks, not too
+    long.
+    """
+    glyphs = _list_glyphs()
+    text_shown = "".join(c if ord(c) in glyphs else "\u25a1" for c in " ".join(text.split()))
+    if len(text_shown) > max_length:
+        text_shown = f"{text_shown[: max_length - 1]}…"
+    return text_shown.replace("$", r"\$")
 
 
-def limb_name(name: str) -> str:
-    """A limb's name, short enough for a label."""
-    return plain(name, 10)
+def format_limb_name(name: str) -> str:
+    """Return a limb's name, short enough for a label."""
+    return format_plain(name, 10)
 
 
-def heading(figure: Figure, text: str, note: str) -> None:
+def draw_heading(figure: Figure, text: str, note: str) -> None:
     """A heading and, on the right, what is drawn. Text from a spec must be `plain`."""
     y = 1 - 0.14 / figure.get_figheight()
     figure.text(0.012, y, text, fontsize=12.5, fontweight="bold", va="top", color=palette.INK)
@@ -135,14 +137,14 @@ def style_axes(ax: Axes) -> None:
     ax.set_axisbelow(True)
 
 
-def panel_title(ax: Axes, text: str, note: str = "") -> None:
+def draw_panel_title(ax: Axes, text: str, note: str = "") -> None:
     """What a panel shows, with a note on the right. Text from a spec must be `plain`."""
     # y fixed: no axis here has ticks above, which matplotlib would look for at each drawing.
     ax.set_title(text, loc="left", y=1.0, fontsize=10, fontweight="bold", color=palette.INK)
     ax.set_title(note, loc="right", y=1.0, fontsize=8.5, color=palette.MUTED)
 
 
-def foot_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]) -> None:
+def draw_foot_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]) -> None:
     """One legend along the foot of a figure."""
     # A leading blank keeps matplotlib from hiding names that begin with an underscore.
     figure.legend(
@@ -158,8 +160,8 @@ def foot_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]
     )
 
 
-def png(figure: Figure) -> bytes:
-    """The figure as a PNG file.
+def render_png(figure: Figure) -> bytes:
+    """Return the figure as a PNG file.
 
     Drawn once: `savefig` draws a figure with a layout engine twice, the first time for nothing.
     """
@@ -174,14 +176,14 @@ def png(figure: Figure) -> bytes:
         return stream.getvalue()
 
 
-def drawn_as_png(plan: Plan, figures: Mapping[str, Callable[[Plan], Figure]]) -> dict[str, bytes]:
-    """PNG files of a plan's figures, by name."""
-    with _without_collector():
-        return {name: png(draw(plan)) for name, draw in figures.items()}
+def render_figures(plan: Plan, figures: Mapping[str, Callable[[Plan], Figure]]) -> dict[str, bytes]:
+    """Return PNG files of a plan's figures, by name."""
+    with _suspend_garbage_collection():
+        return {name: render_png(draw(plan)) for name, draw in figures.items()}
 
 
 @contextmanager
-def _without_collector() -> Iterator[None]:
+def _suspend_garbage_collection() -> Iterator[None]:
     """Python's collector of cycles held back: in figures' many objects it finds next to nothing
     and takes a fifth of the time."""
     collects = gc.isenabled()

@@ -9,7 +9,9 @@ _CODE = re.compile(r"`([^`]*)`")
 _EXPONENT = re.compile(r"(?<=[A-Za-z])\^(-?\d+)")
 
 
-def written(text: object) -> str:
-    """Text with raised whole exponents ("N/mm^2", "k^-1"), and words of code in quotation marks."""
+def format_units(text: object) -> str:
+    """Return text with raised whole exponents ("N/mm^2", "k^-1"), and words of code in quotation
+    marks.
+    """
     quoted = _CODE.sub("“\\1”", str(text))
     return _EXPONENT.sub(lambda found: found[1].translate(_RAISED), quoted)

@@ -14,15 +14,21 @@ from climbplan.arrays import Array, IntArray
 from climbplan.learning.clusters import build_solution_vectors
 from climbplan.learning.model import StrategyModel
 from climbplan.reports import palette
-from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, style_axes
+from climbplan.reports.sheet import (
+    draw_foot_legend,
+    draw_heading,
+    new_figure,
+    draw_panel_title,
+    style_axes,
+)
 
 _MOST_POINTS = 1200  # of a picture: t-SNE takes seconds for so many
 _NAMED = 8  # largest groups with a colour of their own
 _REST = "#C9D1DA"
 
 
-def spaces(model: StrategyModel, columns: IntArray, seed: int) -> Figure:
-    """Groups in the space of solutions (left) and of features (right), as Figure 8.3."""
+def draw_spaces(model: StrategyModel, columns: IntArray, seed: int) -> Figure:
+    """Return groups in the space of solutions (left) and of features (right), as Figure 8.3."""
     library = model.library
     rng = np.random.default_rng(seed)
     rows = np.sort(rng.permutation(library.size)[:_MOST_POINTS])
@@ -37,24 +43,26 @@ def spaces(model: StrategyModel, columns: IntArray, seed: int) -> Figure:
         (left, vectors, "Solutions"),
         (right, library.features[rows] / model.scale, "Features of the problems"),
     ):
-        _scatter(ax, _plane(points, seed), group[rows], largest)
-        panel_title(ax, title, f"{points.shape[1]} dimensions")
-    handles = [Line2D([], [], ls="", marker="o", ms=6, color=_color(k)) for k in range(_NAMED)]
+        _draw_scatter(ax, _project_to_plane(points, seed), group[rows], largest)
+        draw_panel_title(ax, title, f"{points.shape[1]} dimensions")
+    handles = [
+        Line2D([], [], ls="", marker="o", ms=6, color=_choose_color(k)) for k in range(_NAMED)
+    ]
     handles = [*handles[: len(largest)], Line2D([], [], ls="", marker="o", ms=6, color=_REST)]
-    word = "cluster" if clusters else "strategy"
+    group_label = "cluster" if clusters else "strategy"
     # Nine names have to fit into one row.
     names = [f"{int(k)} ({int((inside == k).sum())})" for k in largest]
-    foot_legend(figure, handles, [*names, "others"])
-    heading(
+    draw_foot_legend(figure, handles, [*names, "others"])
+    draw_heading(
         figure,
-        f"{word.capitalize()} of each solved problem",
-        f"{len(rows)} of {library.size} drawn; in colour: {word} (problems)",
+        f"{group_label.capitalize()} of each solved problem",
+        f"{len(rows)} of {library.size} drawn; in colour: {group_label} (problems)",
     )
     return figure
 
 
-def ranks(evaluation: Mapping[str, Any]) -> Figure:
-    """How often the right integers are among the first candidates, and calibration."""
+def draw_ranks(evaluation: Mapping[str, Any]) -> Figure:
+    """Return how often the right integers are among the first candidates, and calibration."""
     figure = new_figure(3.8, entries=2)
     left, right = figure.subplots(1, 2)
     handles, labels = [], []
@@ -76,15 +84,15 @@ def ranks(evaluation: Mapping[str, Any]) -> Figure:
     left.set_xlabel("first candidates")
     left.set_ylabel("right one among them [%]")
     style_axes(left)
-    panel_title(left, "Ranking", f"{evaluation['problems']} problems")
-    _calibration(right, evaluation["calibration"])
+    draw_panel_title(left, "Ranking", f"{evaluation['problems']} problems")
+    _draw_calibration(right, evaluation["calibration"])
     if handles:
-        foot_legend(figure, handles, labels)
-    heading(figure, "Problems that were held out", "")
+        draw_foot_legend(figure, handles, labels)
+    draw_heading(figure, "Problems that were held out", "")
     return figure
 
 
-def _calibration(ax: Axes, bins: list[dict[str, float]]) -> None:
+def _draw_calibration(ax: Axes, bins: list[dict[str, float]]) -> None:
     style_axes(ax)
     ax.plot([0, 1], [0, 1], color=palette.MUTED, lw=1, ls="--")
     predicted = [entry["predicted"] for entry in bins]
@@ -103,11 +111,11 @@ def _calibration(ax: Axes, bins: list[dict[str, float]]) -> None:
     ax.set_ylim(0, 1.02)
     ax.set_xlabel("probability of the first candidate")
     ax.set_ylabel("share in which it is right")
-    panel_title(ax, "Calibration", "numbers: problems" if bins else "no probabilities")
+    draw_panel_title(ax, "Calibration", "numbers: problems" if bins else "no probabilities")
 
 
-def _plane(points: Array, seed: int) -> Array:
-    """Points (S, d) in the plane (S, 2)."""
+def _project_to_plane(points: Array, seed: int) -> Array:
+    """Return points (S, d) in the plane (S, 2)."""
     from sklearn.manifold import TSNE
 
     spread = points.std(axis=0)
@@ -123,12 +131,14 @@ def _plane(points: Array, seed: int) -> Array:
     return np.asarray(method.fit_transform(points))
 
 
-def _scatter(ax: Axes, plane: Array, group: IntArray, largest: IntArray) -> None:
-    rest = ~np.isin(group, largest)
-    ax.scatter(plane[rest, 0], plane[rest, 1], s=7, color=_REST, linewidths=0)
+def _draw_scatter(ax: Axes, plane: Array, group: IntArray, largest: IntArray) -> None:
+    is_other = ~np.isin(group, largest)
+    ax.scatter(plane[is_other, 0], plane[is_other, 1], s=7, color=_REST, linewidths=0)
     for k, number in enumerate(largest):
-        mine = group == number
-        ax.scatter(plane[mine, 0], plane[mine, 1], s=9, color=_color(k), linewidths=0)
+        is_member = group == number
+        ax.scatter(
+            plane[is_member, 0], plane[is_member, 1], s=9, color=_choose_color(k), linewidths=0
+        )
     style_axes(ax)
     # Places in a map of neighbours have no unit.
     ax.set_xticks([])
@@ -137,5 +147,5 @@ def _scatter(ax: Axes, plane: Array, group: IntArray, largest: IntArray) -> None
         ax.spines[side].set_visible(False)
 
 
-def _color(k: int) -> str:
-    return palette.limb_color(k)
+def _choose_color(k: int) -> str:
+    return palette.choose_limb_color(k)

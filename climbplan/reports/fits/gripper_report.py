@@ -11,16 +11,23 @@ from matplotlib.figure import Figure
 from climbplan.mechanics.gripper import Calibration, Grips
 from climbplan.mechanics.gripper_model import FORMAT, FORMAT_VERSION, GripperModel
 from climbplan.reports import palette
-from climbplan.reports.sheet import heading, new_figure, panel_title, plain, png, style_axes
+from climbplan.reports.sheet import (
+    draw_heading,
+    new_figure,
+    draw_panel_title,
+    format_plain,
+    render_png,
+    style_axes,
+)
 
 RESULT = "gripper.json"
 _CONFIDENCE = 0.95
 
 
-def report_dict(
+def build_report(
     model: GripperModel, calibration: Calibration, grips: Grips, name: str
 ) -> dict[str, Any]:
-    """Key figures as JSON-ready values, SI units."""
+    """Return key figures as JSON-ready values, SI units."""
     return {
         "name": name,
         "grips": len(grips.force),
@@ -54,33 +61,39 @@ def write_report(
         "noise": model.noise,
     }
     (directory / RESULT).write_text(json.dumps(arrays, allow_nan=False), encoding="utf-8")
-    report = report_dict(model, calibration, grips, name)
+    report = build_report(model, calibration, grips, name)
     text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
     (directory / "report.json").write_text(f"{text}\n", encoding="utf-8")
     (directory / "figures").mkdir()
-    figure = calibration_figure(calibration, grips, name)
-    (directory / "figures" / "calibration.png").write_bytes(png(figure))
+    figure = draw_calibration(calibration, grips, name)
+    (directory / "figures" / "calibration.png").write_bytes(render_png(figure))
 
 
-def calibration_figure(calibration: Calibration, grips: Grips, name: str) -> Figure:
-    """Held-out forces against predictions, and how often lower bounds hold."""
+def draw_calibration(calibration: Calibration, grips: Grips, name: str) -> Figure:
+    """Return held-out forces against predictions, and how often lower bounds hold."""
     figure = new_figure(4.2, entries=1)
     left, right = figure.subplots(1, 2)
-    found = calibration.held_out
+    held_out = calibration.held_out
     left.errorbar(
-        found.mean, grips.force, xerr=found.deviation, fmt="o", ms=3, lw=0.7, color=palette.FORCE
+        held_out.mean,
+        grips.force,
+        xerr=held_out.deviation,
+        fmt="o",
+        ms=3,
+        lw=0.7,
+        color=palette.FORCE,
     )
     left.axline((0, 0), slope=1.0, color=palette.MUTED, lw=0.8)
     left.set_xlabel("predicted shear force [N]")
     left.set_ylabel("measured [N]")
-    panel_title(left, "Held-out grips", f"rms error {calibration.rmse:.2f} N")
+    draw_panel_title(left, "Held-out grips", f"rms error {calibration.rmse:.2f} N")
     right.plot(calibration.levels, calibration.covered, "o-", ms=3, lw=1.0, color=palette.FORCE)
     right.axline((0, 0), slope=1.0, color=palette.MUTED, lw=0.8)
     right.set_xlabel("confidence of the lower bound")
     right.set_ylabel("share of forces above it")
-    share = calibration.share_above(grips, _CONFIDENCE)
-    panel_title(right, "Calibration", f"95 % bound: {share:.1%} above")
+    fraction_above = calibration.share_above(grips, _CONFIDENCE)
+    draw_panel_title(right, "Calibration", f"95 % bound: {fraction_above:.1%} above")
     for ax in (left, right):
         style_axes(ax)
-    heading(figure, "Shear force of a gripper", plain(name))
+    draw_heading(figure, "Shear force of a gripper", format_plain(name))
     return figure

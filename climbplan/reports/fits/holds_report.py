@@ -37,8 +37,8 @@ class Graspable:
     remark: str  # what is to be known of them
 
 
-def graspable(raw: RawScan, scan: ScanSpec, grasping: Grasping, name: str) -> Graspable:
-    """Holds of a scanned wall, or of the closed bodies of a mesh; raises ScanError for none."""
+def find_graspable(raw: RawScan, scan: ScanSpec, grasping: Grasping, name: str) -> Graspable:
+    """Return holds of a scanned wall, or of the closed bodies of a mesh; raises ScanError for none."""
     report = {
         "name": name,
         "file_read": scan.file,
@@ -47,7 +47,7 @@ def graspable(raw: RawScan, scan: ScanSpec, grasping: Grasping, name: str) -> Gr
     }
     if find_closed_bodies(raw).any():
         top = raw.vertices.mean(axis=0) + _ABOVE * np.array([0.0, 0.0, 1.0])
-        found = find_body_holds(orient_to_free_space(raw, top), scan, grasping)
+        body_holds = find_body_holds(orient_to_free_space(raw, top), scan, grasping)
         holds = [
             {
                 "vertices": hold.vertices.tolist(),
@@ -56,12 +56,12 @@ def graspable(raw: RawScan, scan: ScanSpec, grasping: Grasping, name: str) -> Gr
                 "undercut_deg": hold.undercut_deg,
                 "width": hold.width,
             }
-            for hold in found
+            for hold in body_holds
         ]
         return Graspable(
-            format_body_summary(found, grasping),
+            format_body_summary(body_holds, grasping),
             {**report, "holds": holds, "units": {**_UNITS, "vertices": "m"}},
-            {"regions": format_body_regions(found, scan)},
+            {"regions": format_body_regions(body_holds, scan)},
             "From each face they are gripped in every direction in which both sides are.",
         )
     wall = find_wall_holds(raw, grasping)
@@ -78,10 +78,10 @@ def graspable(raw: RawScan, scan: ScanSpec, grasping: Grasping, name: str) -> Gr
     )
 
 
-def write_holds(found: Graspable, directory: Path) -> None:
+def write_holds(holds: Graspable, directory: Path) -> None:
     """Write terrain.yaml and report.json."""
-    text = f"# {found.headline}.\n# ASSUMED: friction. {found.remark}\n"
-    body = {"terrain": {"friction": FRICTION, **found.terrain}}
+    text = f"# {holds.headline}.\n# ASSUMED: friction. {holds.remark}\n"
+    body = {"terrain": {"friction": FRICTION, **holds.terrain}}
     (directory / RESULT).write_text(text + write_yaml(body), encoding="utf-8")
-    words = json.dumps(found.report, indent=2, allow_nan=False, ensure_ascii=False)
-    (directory / "report.json").write_text(f"{words}\n", encoding="utf-8")
+    report_text = json.dumps(holds.report, indent=2, allow_nan=False, ensure_ascii=False)
+    (directory / "report.json").write_text(f"{report_text}\n", encoding="utf-8")

@@ -9,24 +9,24 @@ from typing import Any
 from climbplan.arrays import IntArray
 from climbplan.learning.evaluation import FIRST
 from climbplan.learning.model_file import FORMAT, FORMAT_VERSION, ModelFile
-from climbplan.reports.fits.figure_strategy import ranks, spaces
-from climbplan.reports.page_parts import Card, Table, plain_words
+from climbplan.reports.fits.figure_strategy import draw_ranks, draw_spaces
+from climbplan.reports.page_parts import Card, Table, format_value
 from climbplan.reports.page_template import (
     fill,
-    origin_rows,
-    report_fields,
-    run_fields,
+    build_origin_rows,
+    build_report_fields,
+    build_run_fields,
 )
-from climbplan.reports.report_files import finite, write_files
-from climbplan.reports.sheet import png
+from climbplan.reports.report_files import replace_non_finite, write_files
+from climbplan.reports.sheet import render_png
 
 _HEAD = ("Problems", "Number", *(f"first {k}" for k in FIRST))
 
 
-def report_dict(stored: ModelFile) -> dict[str, Any]:
-    """The report as JSON-ready values: root attributes of the file, and the evaluation."""
+def build_report(stored: ModelFile) -> dict[str, Any]:
+    """Return the report as JSON-ready values: root attributes of the file, and the evaluation."""
     names = ["spaces"] + (["ranks"] if "evaluation" in stored.fit else [])
-    whole: dict[str, Any] = finite(
+    whole: dict[str, Any] = replace_non_finite(
         {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
@@ -55,53 +55,57 @@ def write_report(stored: ModelFile, columns: IntArray, directory: Path) -> None:
 
     columns: variables that solutions are compared by. Raises UsageError where it cannot be written.
     """
-    report = report_dict(stored)
-    images = {"spaces": png(spaces(stored.model, columns, stored.seed))}
+    report = build_report(stored)
+    images = {"spaces": render_png(draw_spaces(stored.model, columns, stored.seed))}
     if "evaluation" in stored.fit:
-        images["ranks"] = png(ranks(stored.fit["evaluation"]))
-    write_files(directory, report, _page(report, images), images)
+        images["ranks"] = render_png(draw_ranks(stored.fit["evaluation"]))
+    write_files(directory, report, _build_page(report, images), images)
 
 
-def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+def _build_page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     fit = report["fit"]
     evaluation = fit.get("evaluation")
-    told = "Read back from its file, the model names the same candidates."
+    verdict_text = "Read back from its file, the model names the same candidates."
     if not report["verified"]:
-        told = "Read back from its file, the model names other candidates."
-    origin = origin_rows(report, {"Kind": report["kind"], "Program": report["program"]})
-    sizes = [(k.replace("_", " "), plain_words(v)) for k, v in fit.items() if k != "evaluation"]
+        verdict_text = "Read back from its file, the model names other candidates."
+    origin = build_origin_rows(report, {"Kind": report["kind"], "Program": report["program"]})
+    sizes = [(k.replace("_", " "), format_value(v)) for k, v in fit.items() if k != "evaluation"]
     return fill(
         "strategy.html",
-        **report_fields(report, "strategy", _cards(fit), images, report["kind"]),
-        **run_fields(report, {"Sizes": sizes, "Model": origin}, "this model was trained from"),
-        verdict=told,
-        rank_note=_note(fit),
-        table=Table.of(_HEAD, _rows(evaluation) if evaluation else ()),
+        **build_report_fields(report, "strategy", _build_cards(fit), images, report["kind"]),
+        **build_run_fields(
+            report, {"Sizes": sizes, "Model": origin}, "this model was trained from"
+        ),
+        verdict=verdict_text,
+        rank_note=_write_note(fit),
+        table=Table.of(_HEAD, _build_rows(evaluation) if evaluation else ()),
     )
 
 
-def _cards(fit: Mapping[str, Any]) -> Iterator[Card]:
+def _build_cards(fit: Mapping[str, Any]) -> Iterator[Card]:
     yield Card("Solved problems", f"{fit['groups']}", f"{fit['rows']} rows")
     yield Card("Strategies", f"{fit['strategies']}", "different integers and labels")
     if "clusters" in fit:
         yield Card("Clusters", f"{fit['clusters']}", f"{fit['outliers']} rows in none")
     evaluation = fit.get("evaluation")
     if evaluation:
-        share = evaluation["within_first"]["10"]
-        yield Card("Among the first 10", _percent(share), f"{evaluation['problems']} held out")
+        fraction = evaluation["within_first"]["10"]
+        yield Card(
+            "Among the first 10", _format_percent(fraction), f"{evaluation['problems']} held out"
+        )
 
 
-def _rows(evaluation: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
-    for word, key, count in (
+def _build_rows(evaluation: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+    for label, key, count in (
         ("all", "within_first", "problems"),
         ("non-trivial", "within_first_hard", "hard_problems"),
     ):
         if evaluation[count]:
-            shares = (_percent(evaluation[key][str(k)]) for k in FIRST)
-            yield (word, str(evaluation[count]), *shares)
+            percentages = (_format_percent(evaluation[key][str(k)]) for k in FIRST)
+            yield (label, str(evaluation[count]), *percentages)
 
 
-def _note(fit: Mapping[str, Any]) -> str:
+def _write_note(fit: Mapping[str, Any]) -> str:
     if "evaluation" not in fit:
         return "Nothing was held out."
     hard = f" Non-trivial: {fit['hard_means']}." if fit["hard_means"] else ""
@@ -111,5 +115,5 @@ def _note(fit: Mapping[str, Any]) -> str:
     )
 
 
-def _percent(share: float | None) -> str:
-    return "none" if share is None else f"{100 * share:.1f} %"
+def _format_percent(fraction: float | None) -> str:
+    return "none" if fraction is None else f"{100 * fraction:.1f} %"

@@ -12,9 +12,9 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from climbplan.reports import palette
 from climbplan.reports.page_parts import Card, Table
-from climbplan.reports.page_template import fill, frame_fields
-from climbplan.reports.sheet import heading, new_figure, plain, png
-from climbplan.reports.unit_words import written
+from climbplan.reports.page_template import fill, build_frame_fields
+from climbplan.reports.sheet import draw_heading, new_figure, format_plain, render_png
+from climbplan.reports.unit_words import format_units
 from climbplan.scan.study import FittedScan
 from climbplan.schema.yaml_source import write_yaml
 
@@ -26,8 +26,8 @@ FRICTION = 1.0  # of terrain.yaml, to be edited
 _VIEWS = ((28, -60), (28, 120), (85, -90))  # elevation, azimuth [deg]
 
 
-def report_dict(fitted: FittedScan, name: str) -> dict[str, Any]:
-    """Key figures as JSON-ready values, SI units."""
+def build_report(fitted: FittedScan, name: str) -> dict[str, Any]:
+    """Return key figures as JSON-ready values, SI units."""
     vertices = fitted.raw.vertices
     return {
         "name": name,
@@ -44,8 +44,8 @@ def report_dict(fitted: FittedScan, name: str) -> dict[str, Any]:
     }
 
 
-def terrain_text(fitted: FittedScan) -> str:
-    """The part `terrain:` of a spec, with every region."""
+def write_terrain_text(fitted: FittedScan) -> str:
+    """Return the part `terrain:` of a spec, with every region."""
     scan = fitted.scan.model_dump(mode="json", exclude_unset=True)
     regions = [
         {"name": f"scan {n}", "vertices": np.round(r.vertices, _DIGITS).tolist()}
@@ -62,21 +62,21 @@ def terrain_text(fitted: FittedScan) -> str:
 
 def write_report(fitted: FittedScan, report: dict[str, Any], directory: Path, page: bool) -> None:
     """Write terrain.yaml and report.json, and the page with its pictures."""
-    (directory / RESULT).write_text(terrain_text(fitted), encoding="utf-8")
+    (directory / RESULT).write_text(write_terrain_text(fitted), encoding="utf-8")
     text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
     (directory / "report.json").write_text(f"{text}\n", encoding="utf-8")
     if not page:
         return
-    images = {"terrain.png": png(_figure(fitted, report["name"]))}
+    images = {"terrain.png": render_png(_draw_figure(fitted, report["name"]))}
     (directory / "figures").mkdir()
     for name, image in images.items():
         (directory / "figures" / name).write_bytes(image)
-    (directory / "report.html").write_text(_page(fitted, report, images), encoding="utf-8")
+    (directory / "report.html").write_text(_build_page(fitted, report, images), encoding="utf-8")
 
 
-def _figure(fitted: FittedScan, name: str) -> Figure:
+def _draw_figure(fitted: FittedScan, name: str) -> Figure:
     figure = new_figure(4.6, entries=0)
-    heading(figure, plain(name), written(fitted.headline))
+    draw_heading(figure, format_plain(name), format_units(fitted.headline))
     corners = fitted.raw.corners
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     largest = np.argsort(-np.linalg.norm(doubled, axis=1), kind="stable")[:_DRAWN]
@@ -94,7 +94,7 @@ def _figure(fitted: FittedScan, name: str) -> Figure:
             )
         )
         faces = [r.vertices + 2e-3 * r.normal for r in fitted.regions]
-        colors = [palette.limb_color(k) for k in range(len(faces))]
+        colors = [palette.choose_limb_color(k) for k in range(len(faces))]
         ax.add_collection3d(
             Poly3DCollection(faces, facecolor=colors, edgecolor="white", linewidth=0.2, alpha=0.9)
         )
@@ -109,7 +109,7 @@ def _figure(fitted: FittedScan, name: str) -> Figure:
     return figure
 
 
-def _page(fitted: FittedScan, report: dict[str, Any], images: dict[str, bytes]) -> str:
+def _build_page(fitted: FittedScan, report: dict[str, Any], images: dict[str, bytes]) -> str:
     cards = [
         Card("Triangles", str(report["triangles"]), f"{report['area']:.3g} m² of surface"),
         Card("Contact regions", str(report["regions"]), f"{report['regions_area']:.3g} m²"),
@@ -130,7 +130,7 @@ def _page(fitted: FittedScan, report: dict[str, Any], images: dict[str, bytes]) 
     head = ("region", "area [cm²]", "middle [m]", "normal", "material")
     return fill(
         "terrain.html",
-        **frame_fields(
+        **build_frame_fields(
             title=report["name"],
             kicker=(report["name"], "terrain"),
             badges=(f"{report['regions']} regions",),

@@ -36,7 +36,7 @@ def is_own_origin(origin: str | None, asked_host: str | None, listened: str) -> 
         return False
     if name in _LOOPBACK or name == listened.lower():
         return True
-    return listened.lower() not in _LOOPBACK and (_is_address(name) or name in _own_names())
+    return listened.lower() not in _LOOPBACK and (_is_address(name) or name in _list_host_names())
 
 
 def _is_address(name: str) -> bool:
@@ -47,17 +47,17 @@ def _is_address(name: str) -> bool:
     return True
 
 
-def _own_names() -> set[str]:
+def _list_host_names() -> set[str]:
     return {socket.gethostname().lower(), socket.getfqdn().lower()}
 
 
 @contextmanager
-def own_origins_only(listened: str) -> Iterator[None]:
+def restrict_to_own_origins(listened: str) -> Iterator[None]:
     """Have servers that viser starts in the block refuse connections from pages of others."""
     serve = sockets.serve
 
     def guarded(*arguments: Any, **options: Any) -> Any:
-        options["process_request"] = _guard(options.get("process_request"), listened)
+        options["process_request"] = _build_guard(options.get("process_request"), listened)
         return serve(*arguments, **options)
 
     sockets.serve = guarded  # type: ignore[assignment, misc]  # viser has no option for it
@@ -67,7 +67,7 @@ def own_origins_only(listened: str) -> Iterator[None]:
         sockets.serve = serve  # type: ignore[misc]
 
 
-def _guard(process: Callable[..., Any] | None, listened: str) -> Callable[..., Any]:
+def _build_guard(process: Callable[..., Any] | None, listened: str) -> Callable[..., Any]:
     def guarded(connection: Any, request: Any) -> Any:
         headers = request.headers
         is_socket = "websocket" in (headers.get("Upgrade") or "").lower()

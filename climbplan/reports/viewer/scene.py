@@ -99,7 +99,7 @@ class Scene:
     elevation_deg: float = 18.0
 
     def moment(self, time: float) -> tuple[int, int, float]:
-        """Samples before and after a time, and the share of the way from one to the other.
+        """Return samples before and after a time, and the share of the way from one to the other.
 
         At a jump (a repeated time) it is the later sample that counts.
         """
@@ -107,19 +107,21 @@ class Scene:
         before = int(np.clip(np.searchsorted(self.time, time, side="right") - 1, 0, last))
         after = min(before + 1, last)
         span = float(self.time[after] - self.time[before])
-        share = 0.0 if span <= 0 else float(np.clip((time - self.time[before]) / span, 0.0, 1.0))
-        return before, after, share
+        fraction = 0.0 if span <= 0 else float(np.clip((time - self.time[before]) / span, 0.0, 1.0))
+        return before, after, fraction
 
 
-def between(values: Array, moment: tuple[int, int, float]) -> Array:
-    """Samples (F, ...) at a moment, linearly between the two beside it."""
-    before, after, share = moment
-    mixed: Array = (1.0 - share) * values[before] + share * values[after]
-    return mixed
+def interpolate(values: Array, moment: tuple[int, int, float]) -> Array:
+    """Return samples (F, ...) at a moment, linearly between the two beside it."""
+    before, after, fraction = moment
+    blended: Array = (1.0 - fraction) * values[before] + fraction * values[after]
+    return blended
 
 
-def polygons(name: str, corners: list[Array], color: str, opacity: float, note: str = "") -> Shape:
-    """Flat convex polygons (V, 3) as one shape, each a fan of triangles.
+def build_polygons(
+    name: str, corners: list[Array], color: str, opacity: float, note: str = ""
+) -> Shape:
+    """Return flat convex polygons (V, 3) as one shape, each a fan of triangles.
 
     Raises ValueError if there is none.
     """
@@ -135,34 +137,43 @@ def polygons(name: str, corners: list[Array], color: str, opacity: float, note: 
     return Shape(name, np.concatenate(corners), faces, color, opacity, note)
 
 
-def outline(shape: Shape) -> IntArray:
-    """Edges (K, 2) of a shape that one of its triangles alone has, or that two meet at an angle."""
+def compute_outline(shape: Shape) -> IntArray:
+    """Return edges (K, 2) of a shape that one of its triangles alone has, or that two meet at an
+    angle.
+    """
     corners = shape.vertices[shape.faces]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
     # Shapes may hold a corner once for each of their faces: those at one place are one
     _, same = np.unique(shape.vertices.round(6), axis=0, return_inverse=True)
-    own = np.concatenate([shape.faces[:, [0, 1]], shape.faces[:, [1, 2]], shape.faces[:, [2, 0]]])
-    edges, first, which = np.unique(
-        np.sort(same.reshape(-1)[own], axis=1), axis=0, return_index=True, return_inverse=True
+    directed_edges = np.concatenate(
+        [shape.faces[:, [0, 1]], shape.faces[:, [1, 2]], shape.faces[:, [2, 0]]]
+    )
+    edges, first, edge_index = np.unique(
+        np.sort(same.reshape(-1)[directed_edges], axis=1),
+        axis=0,
+        return_index=True,
+        return_inverse=True,
     )
     total = np.zeros((len(edges), 3))
-    np.add.at(total, which.reshape(-1), np.tile(normal, (3, 1)))
-    count = np.bincount(which.reshape(-1), minlength=len(edges))
+    np.add.at(total, edge_index.reshape(-1), np.tile(normal, (3, 1)))
+    count = np.bincount(edge_index.reshape(-1), minlength=len(edges))
     flat = (count == 2) & (np.linalg.norm(total, axis=1) > 2 - 1e-6)
-    found: IntArray = own[first[~flat]].astype(np.int64)
-    return found
+    outline_edges: IntArray = directed_edges[first[~flat]].astype(np.int64)
+    return outline_edges
 
 
 _CUBE_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
 
 
-def block(
+def build_block(
     name: str, lower: Array, upper: Array, color: str, opacity: float, yaw: float = 0.0
 ) -> Shape:
-    """A cuboid that stands still, axis-aligned but for a turn by `yaw` [rad] about its middle."""
+    """Return a cuboid that stands still, axis-aligned but for a turn by `yaw` [rad] about its
+    middle.
+    """
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     c, s = np.cos(yaw), np.sin(yaw)
-    turn = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    placed = (lower + upper) / 2 + (corners * (upper - lower) / 2) @ turn.T
-    return polygons(name, [placed[list(face)] for face in _CUBE_FACES], color, opacity)
+    yaw_rotation = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    corners_world = (lower + upper) / 2 + (corners * (upper - lower) / 2) @ yaw_rotation.T
+    return build_polygons(name, [corners_world[list(face)] for face in _CUBE_FACES], color, opacity)

@@ -16,7 +16,7 @@ import numpy as np
 import viser
 
 from climbplan.errors import UsageError
-from climbplan.reports.viewer.origins import own_origins_only
+from climbplan.reports.viewer.origins import restrict_to_own_origins
 from climbplan.reports.viewer.scene import Scene
 from climbplan.reports.viewer.stage import Stage
 
@@ -32,24 +32,26 @@ _SWITCHES = {
 }
 
 
-def _html(*lines: str) -> str:
-    """Lines of plain text."""
+def _format_html(*lines: str) -> str:
+    """Return lines of plain text."""
     texts = "<br>".join(html.escape(line) for line in lines)
     return f'<div style="padding: 0 0.75em 0.5em; font-size: 0.875em">{texts}</div>'
 
 
-def _free_port(host: str, port: int) -> int:
-    """The first port from `port` on that is free; for 0 any.
+def _find_free_port(host: str, port: int) -> int:
+    """Return the first port from `port` on that is free; for 0 any.
 
     The server's own thread would die of an address that cannot be had and leave us waiting.
     """
-    for tried in [port] if port == 0 else range(port, min(port + _TRIES, 65536)):
+    for candidate_port in [port] if port == 0 else range(port, min(port + _TRIES, 65536)):
         try:
-            with socket.create_server((host, tried)) as held:
-                return int(held.getsockname()[1])
+            with socket.create_server((host, candidate_port)) as server_socket:
+                return int(server_socket.getsockname()[1])
         except OSError as error:
             if error.errno != errno.EADDRINUSE:
-                raise UsageError(f"--host {host} --port {tried}: {error.strerror}") from None
+                raise UsageError(
+                    f"--host {host} --port {candidate_port}: {error.strerror}"
+                ) from None
     raise UsageError(f"--port {port}: taken, as are the {_TRIES} after it")
 
 
@@ -65,9 +67,9 @@ class Viewer:
 
     def __init__(self, scene: Scene, host: str, port: int) -> None:
         self._scene = scene
-        free = _free_port(host, port)
+        free = _find_free_port(host, port)
         # The library greets on standard output, which is for results.
-        with contextlib.redirect_stdout(io.StringIO()), own_origins_only(host):
+        with contextlib.redirect_stdout(io.StringIO()), restrict_to_own_origins(host):
             self._server = viser.ViserServer(host, free, label=scene.title, verbose=False)
         self.host, self.port = host, self._server.get_port()
         self._lock = threading.Lock()  # switches answer in threads of the server
@@ -89,7 +91,7 @@ class Viewer:
 
     @property
     def address(self) -> str:
-        """Where a browser finds it."""
+        """Return where a browser finds it."""
         name = "localhost" if self.host in ("127.0.0.1", "0.0.0.0", "::1", "::") else self.host
         return f"http://{name}:{self.port}"
 
@@ -109,19 +111,22 @@ class Viewer:
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         first, last = float(scene.time[0]), float(scene.time[-1])
         # Texts come from files: as markdown they could run code in the page.
-        gui.add_html(_html(*scene.facts))
+        gui.add_html(_format_html(*scene.facts))
         self._time = gui.add_slider(
             "Time [s]", first, max(last, first + 1e-3), max((last - first) / 2000, 1e-3), first
         )
-        self._caption = gui.add_html(_html(scene.caption[0]))
+        self._caption = gui.add_html(_format_html(scene.caption[0]))
         self._play = gui.add_checkbox("Play", initial_value=False)
         self._speed = gui.add_dropdown("Speed", tuple(_SPEEDS), initial_value="1")
         step = gui.add_button_group("Step", ("first", "back", "next", "last"))
         with gui.add_folder("Show"):
-            for label, what in _SWITCHES.items():
-                if self._stage.has(what):
-                    self._add_switch(gui, label, what)
-            if any(part and part.load is not None for part in (scene.rods, scene.solids)):
+            for label, group in _SWITCHES.items():
+                if self._stage.has(group):
+                    self._add_switch(gui, label, group)
+            if any(
+                moving_parts and moving_parts.load is not None
+                for moving_parts in (scene.rods, scene.solids)
+            ):
                 loads = gui.add_checkbox(
                     "Torque colours",
                     initial_value=False,
@@ -148,7 +153,7 @@ class Viewer:
         self._show(self._time.value)
 
     def _stop(self, which: str) -> float:
-        """The time [s] of the mark that a button asks for."""
+        """Return the time [s] of the mark that a button asks for."""
         stops = np.concatenate([self._scene.time[:1], self._scene.time[self._scene.marks]])
         now = float(self._time.value)
         slack = 1e-3
@@ -167,6 +172,6 @@ class Viewer:
 
     def _show(self, moment: float) -> None:
         with self._lock:
-            caption = _html(self._stage.draw(moment))
+            caption = _format_html(self._stage.draw(moment))
             if self._caption.content != caption:
                 self._caption.content = caption

@@ -11,45 +11,45 @@ from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Boxes, Forces, Rods, Scene, Solids, between
+from climbplan.reports.viewer.scene import Boxes, Forces, Rods, Scene, Solids, interpolate
 
 _LONGEST_FORCE = 0.2  # share of the scene's size
 _LOAD_COLORS = np.array([[77, 163, 127], [230, 200, 60], [192, 57, 43]], float)  # 0, half, limit
 _UPRIGHT = np.array([1.0, 0.0, 0.0, 0.0])
 
 
-def rgb(color: str) -> tuple[int, int, int]:
-    """Red, green, blue of "#rrggbb"."""
+def parse_rgb(color: str) -> tuple[int, int, int]:
+    """Return red, green, blue of "#rrggbb"."""
     return int(color[1:3], 16), int(color[3:5], 16), int(color[5:7], 16)
 
 
-def load_color(share: Array) -> Array:
-    """Colours (..., 3) of shares of a limit: green, yellow at half of it, red from it on."""
-    place = np.clip(share, 0.0, 1.0) * (len(_LOAD_COLORS) - 1)
-    low = np.minimum(place.astype(int), len(_LOAD_COLORS) - 2)
-    part = (place - low)[..., None]
-    mixed: Array = np.rint((1 - part) * _LOAD_COLORS[low] + part * _LOAD_COLORS[low + 1])
+def map_load_to_color(load: Array) -> Array:
+    """Return colours (..., 3) of shares of a limit: green, yellow at half of it, red from it on."""
+    position = np.clip(load, 0.0, 1.0) * (len(_LOAD_COLORS) - 1)
+    low = np.minimum(position.astype(int), len(_LOAD_COLORS) - 2)
+    fraction = (position - low)[..., None]
+    mixed: Array = np.rint((1 - fraction) * _LOAD_COLORS[low] + fraction * _LOAD_COLORS[low + 1])
     return mixed
 
 
-def _quaternions(rotation: Array) -> Array:
-    """wxyz (..., 4) of rotations (..., 3, 3)."""
+def _convert_to_quaternions(rotation: Array) -> Array:
+    """Return wxyz (..., 4) of rotations (..., 3, 3)."""
     flat = np.asarray(Rotation.from_matrix(rotation.reshape(-1, 3, 3)).as_quat())[:, [3, 0, 1, 2]]
     return flat.reshape(*rotation.shape[:-2], 4)
 
 
-def _mixed(turns: Array, moment: tuple[int, int, float]) -> Array:
-    """wxyz (K, 4) at a moment of samples (F, K, 4)."""
-    before, after, share = moment
+def _interpolate_quaternions(turns: Array, moment: tuple[int, int, float]) -> Array:
+    """Return wxyz (K, 4) at a moment of samples (F, K, 4)."""
+    before, after, fraction = moment
     first, second = turns[before], turns[after]
     second = np.where((first * second).sum(axis=1, keepdims=True) < 0, -second, second)
-    mixed = (1 - share) * first + share * second
-    unit: Array = mixed / np.linalg.norm(mixed, axis=1, keepdims=True)
+    blended = (1 - fraction) * first + fraction * second
+    unit: Array = blended / np.linalg.norm(blended, axis=1, keepdims=True)
     return unit
 
 
 def _open_cone() -> trimesh.Trimesh:
-    """A cone with its apex at the origin that opens along z: height 1, radius 1."""
+    """Return a cone with its apex at the origin that opens along z: height 1, radius 1."""
     angle = np.linspace(0, 2 * np.pi, 32, endpoint=False)
     rim = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(angle)])
     around = np.arange(len(rim))
@@ -57,16 +57,16 @@ def _open_cone() -> trimesh.Trimesh:
     return trimesh.Trimesh(np.vstack([np.zeros(3), rim]), faces, process=False)
 
 
-def _turned_to(direction: Array) -> Array:
-    """wxyz (K, 4) that turn z to directions (K, 3), which need not be unit; zero: no turn."""
+def _align_z_to(direction: Array) -> Array:
+    """Return wxyz (K, 4) that turn z to directions (K, 3), which need not be unit; zero: no turn."""
     length = np.linalg.norm(direction, axis=-1, keepdims=True)
     unit = np.where(length > 0, direction / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
     # Half way between z and the direction; turned about x where they are opposite.
     w = 1.0 + unit[:, 2]
-    found = np.column_stack([w, -unit[:, 1], unit[:, 0], np.zeros(len(unit))])
-    found[w < 1e-9] = [0.0, 1.0, 0.0, 0.0]
-    turned: Array = found / np.linalg.norm(found, axis=1, keepdims=True)
-    return turned
+    quaternion = np.column_stack([w, -unit[:, 1], unit[:, 0], np.zeros(len(unit))])
+    quaternion[w < 1e-9] = [0.0, 1.0, 0.0, 0.0]
+    unit_quaternion: Array = quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
+    return unit_quaternion
 
 
 class Stage:
@@ -83,13 +83,13 @@ class Stage:
         server.scene.set_up_direction("+z")
         self._add_terrain()
         if scene.boxes is not None:
-            self._quaternion = _quaternions(scene.boxes.rotation)
+            self._quaternion = _convert_to_quaternions(scene.boxes.rotation)
             self._add_boxes(scene.boxes)
         if scene.rods is not None:
             self._add_rods(scene.rods)
         self._solids: list[Any] = []
         if scene.solids is not None:
-            self._turns = _quaternions(scene.solids.rotation)
+            self._turns = _convert_to_quaternions(scene.solids.rotation)
             self._add_solids(scene.solids)
         if scene.forces is not None:
             self._add_forces(scene.forces)
@@ -126,7 +126,7 @@ class Stage:
             handle.visible = visible
 
     def has(self, what: str) -> bool:
-        """Whether there is any of it to show or hide."""
+        """Return whether there is any of it to show or hide."""
         return bool(self._group(what))
 
     def _group(self, what: str) -> list[Any]:
@@ -139,7 +139,7 @@ class Stage:
                 f"/terrain/{number}",
                 shape.vertices,
                 shape.faces,
-                color=rgb(shape.color),
+                color=parse_rgb(shape.color),
                 opacity=shape.opacity if shape.opacity < 1 else None,
                 flat_shading=True,
                 side="double",
@@ -147,9 +147,11 @@ class Stage:
             )
             self._terrain.append(mesh)
             if shape.note:
-                at = shape.vertices.mean(axis=0)
+                label_position = shape.vertices.mean(axis=0)
                 self._labels.append(
-                    self._server.scene.add_label(f"/label/{number}", shape.note, position=tuple(at))
+                    self._server.scene.add_label(
+                        f"/label/{number}", shape.note, position=tuple(label_position)
+                    )
                 )
         for path in self._scene.paths:
             if len(path.ends):
@@ -157,7 +159,7 @@ class Stage:
                     self._server.scene.add_line_segments(
                         f"/path/{path.name}",
                         path.ends.astype(np.float32),
-                        rgb(path.color),
+                        parse_rgb(path.color),
                         thickness=0.002 * self._size,
                     )
                 )
@@ -177,16 +179,16 @@ class Stage:
 
     def _add_rods(self, rods: Rods) -> None:
         count = len(rods.radius)
-        self._rod_colors = np.array([rgb(color) for color in rods.color])
+        self._rod_colors = np.array([parse_rgb(color) for color in rods.color])
         self._batch("rods", trimesh.creation.cylinder(1.0, 1.0, 16), count, self._rod_colors)
         ball = trimesh.creation.icosphere(2, 1.0)
         self._batch("joints", ball, 2 * count, np.repeat(self._rod_colors, 2, axis=0))
 
     def _add_boxes(self, boxes: Boxes) -> None:
-        colors = np.array([rgb(color) for color in boxes.color])
-        seen = boxes.opacity if boxes.opacity < 1 else None
+        colors = np.array([parse_rgb(color) for color in boxes.color])
+        opacity = boxes.opacity if boxes.opacity < 1 else None
         cube = trimesh.creation.box((1.0, 1.0, 1.0))
-        self._batch("boxes", cube, len(boxes.color), colors, opacity=seen, flat_shading=True)
+        self._batch("boxes", cube, len(boxes.color), colors, opacity=opacity, flat_shading=True)
 
     def _add_solids(self, solids: Solids) -> None:
         for number, (vertices, faces) in enumerate(zip(solids.vertices, solids.faces, strict=True)):
@@ -194,7 +196,7 @@ class Stage:
                 f"/solid/{number}",
                 vertices.astype(np.float32),
                 faces.astype(np.uint32),
-                color=rgb(solids.color[number]),
+                color=parse_rgb(solids.color[number]),
                 flat_shading=True,
                 side="double",
             )
@@ -207,50 +209,55 @@ class Stage:
         self._moving["forces"] = self._server.scene.add_arrows(
             "/forces",
             np.zeros((count, 2, 3), np.float32),
-            rgb(palette.FORCE),
+            parse_rgb(palette.FORCE),
             shaft_radius=0.005 * self._size,
             head_radius=0.011 * self._size,
             head_length=0.03 * self._size,
         )
         if (forces.mu > 0).any():
             cone = _open_cone()
-            color = np.tile(rgb(palette.CONE_SHRUNK), (count, 1))
+            color = np.tile(parse_rgb(palette.CONE_SHRUNK), (count, 1))
             self._batch("cones", cone, count, color, opacity=0.45, side="double", cast_shadow=False)
 
     def _draw_rods(self, rods: Rods, moment: tuple[int, int, float]) -> None:
-        ends = between(rods.ends, moment)
+        ends = interpolate(rods.ends, moment)
         along = ends[:, 1] - ends[:, 0]
         length = np.linalg.norm(along, axis=1)
         handle, balls = self._moving["rods"], self._moving["joints"]
         handle.batched_positions = ends.mean(axis=1)
-        handle.batched_wxyzs = _turned_to(along)
+        handle.batched_wxyzs = _align_z_to(along)
         handle.batched_scales = np.column_stack([rods.radius, rods.radius, length])
         balls.batched_positions = ends.reshape(-1, 3)
         balls.batched_scales = np.repeat(rods.radius, 2)[:, None] * np.ones(3)
         colors = self._rod_colors.astype(float)
         if self.show_loads and rods.load is not None:
-            colors = load_color(rods.load[moment[0]])
+            colors = map_load_to_color(rods.load[moment[0]])
         handle.batched_colors = colors.astype(np.uint8)
         balls.batched_colors = np.repeat(colors, 2, axis=0).astype(np.uint8)
 
     def _draw_boxes(self, boxes: Boxes, moment: tuple[int, int, float]) -> None:
         handle = self._moving["boxes"]
-        handle.batched_positions = between(boxes.center, moment)
-        handle.batched_wxyzs = _mixed(self._quaternion, moment)
+        handle.batched_positions = interpolate(boxes.center, moment)
+        handle.batched_wxyzs = _interpolate_quaternions(self._quaternion, moment)
         handle.batched_scales = np.maximum(boxes.size[moment[0]], 1e-6)
 
     def _draw_solids(self, solids: Solids, moment: tuple[int, int, float]) -> None:
-        position, turns = between(solids.position, moment), _mixed(self._turns, moment)
-        colors = np.array([rgb(color) for color in solids.color], float)
+        position, turns = (
+            interpolate(solids.position, moment),
+            _interpolate_quaternions(self._turns, moment),
+        )
+        colors = np.array([parse_rgb(color) for color in solids.color], float)
         if self.show_loads and solids.load is not None:
-            colors = load_color(solids.load[moment[0]])
-        for handle, at, turn, color in zip(self._solids, position, turns, colors, strict=True):
-            handle.position, handle.wxyz = at, turn
-            handle.color = tuple(int(part) for part in color)
+            colors = map_load_to_color(solids.load[moment[0]])
+        for handle, solid_position, turn, color in zip(
+            self._solids, position, turns, colors, strict=True
+        ):
+            handle.position, handle.wxyz = solid_position, turn
+            handle.color = tuple(int(channel) for channel in color)
 
     def _draw_forces(self, forces: Forces, moment: tuple[int, int, float]) -> None:
         k, scale = moment[0], self._metres_per_newton
-        point = between(forces.point, moment)
+        point = interpolate(forces.point, moment)
         acting = np.linalg.norm(forces.force[k], axis=1) > 0
         ends = np.stack([point, point + scale * forces.force[k]], axis=1)[acting]
         self._moving["forces"].points = ends.astype(np.float32)
@@ -259,6 +266,6 @@ class Stage:
             height = np.maximum(scale * pressing, 1e-6)
             cones = self._moving["cones"]
             cones.batched_positions = point
-            cones.batched_wxyzs = _turned_to(forces.normal[k])
+            cones.batched_wxyzs = _align_z_to(forces.normal[k])
             width = np.maximum(height * forces.mu[k], 1e-6)
             cones.batched_scales = np.column_stack([width, width, height])

@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import BoolArray
 from climbplan.errors import UsageError
-from climbplan.store.dataset import Dataset, differing_frame
+from climbplan.store.dataset import Dataset, describe_frame_difference
 
 
 @dataclass(frozen=True)
@@ -20,34 +20,36 @@ class Merged:
     dropped: int  # rows whose problem an earlier row holds already
 
 
-def merge(parts: Sequence[tuple[str, Dataset]], drop_duplicates: bool = False) -> Merged:
-    """All rows of named datasets of one problem, in order.
+def merge(named_datasets: Sequence[tuple[str, Dataset]], drop_duplicates: bool = False) -> Merged:
+    """Return all rows of named datasets of one problem, in order.
 
     The name, spec and seed are those of the first. Raises UsageError if the problems differ, or if
     a problem is there twice and duplicates are not to be dropped.
     """
-    name, first = parts[0]
-    for other, data in parts[1:]:
-        if difference := differing_frame(first.frame, data.frame):
-            raise UsageError(f"{other} does not go with {name}: {difference}")
-    whole = Dataset.joined([data for _, data in parts])
-    again = _again(whole)
-    if again.any() and not drop_duplicates:
-        at = int(np.argmax(again))
-        owner = np.repeat([n for n, _ in parts], [d.count for _, d in parts])[at]
+    name, first = named_datasets[0]
+    for dataset_name, data in named_datasets[1:]:
+        if difference := describe_frame_difference(first.frame, data.frame):
+            raise UsageError(f"{dataset_name} does not go with {name}: {difference}")
+    whole = Dataset.joined([data for _, data in named_datasets])
+    is_repeated = _mark_repeated(whole)
+    if is_repeated.any() and not drop_duplicates:
+        first_repeated = int(np.argmax(is_repeated))
+        owner = np.repeat([n for n, _ in named_datasets], [d.count for _, d in named_datasets])[
+            first_repeated
+        ]
         raise UsageError(
-            f"{int(again.sum())} rows hold a problem that an earlier row holds, the first in "
-            f"{owner} (seed {int(whole.seed[at])}): merge datasets of different seeds, or drop "
+            f"{int(is_repeated.sum())} rows hold a problem that an earlier row holds, the first in "
+            f"{owner} (seed {int(whole.seed[first_repeated])}): merge datasets of different seeds, or drop "
             "these rows with --drop-duplicates"
         )
-    if again.any():
-        whole = whole.rows(np.flatnonzero(~again))
-    verified = all(data.verified for _, data in parts)
-    seconds = [data.timings.get("rows") for _, data in parts]
+    if is_repeated.any():
+        whole = whole.rows(np.flatnonzero(~is_repeated))
+    verified = all(data.verified for _, data in named_datasets)
+    seconds = [data.timings.get("rows") for _, data in named_datasets]
     timings = {"rows": sum(s for s in seconds if isinstance(s, int | float))}
-    solvers = {**first.solvers, "merged": len(parts)}
+    solvers = {**first.solvers, "merged": len(named_datasets)}
     merged = replace(whole, verified=verified, timings=timings, solvers=solvers, created="")
-    return Merged(merged, int(again.sum()))
+    return Merged(merged, int(is_repeated.sum()))
 
 
 @dataclass(frozen=True)
@@ -79,13 +81,13 @@ def split(data: Dataset, test_share: float, seed: int = 0) -> Split:
     return Split(drawn & ~test, test)
 
 
-def _again(data: Dataset) -> BoolArray:
-    """Rows (n,) whose problem an earlier row holds; those without a problem are none."""
+def _mark_repeated(data: Dataset) -> BoolArray:
+    """Return rows (n,) whose problem an earlier row holds; those without a problem are none."""
     drawn = data.drawn
-    again = np.zeros(data.count, bool)
-    seen: set[str] = set()
+    is_repeated = np.zeros(data.count, bool)
+    earlier_hashes: set[str] = set()
     for k, text in enumerate(data.hashes()):
         if drawn[k]:
-            again[k] = text in seen
-            seen.add(text)
-    return again
+            is_repeated[k] = text in earlier_hashes
+            earlier_hashes.add(text)
+    return is_repeated

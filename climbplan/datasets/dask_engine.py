@@ -48,7 +48,7 @@ class DaskEngine:
 
         Raises MissingSolver without Dask, UsageError for another kind of name.
         """
-        self._distributed = _distributed()
+        self._distributed = _load_distributed()
         self._recipe = recipe
         self._scheduler = scheduler
         local = _LOCAL.fullmatch(scheduler)
@@ -106,7 +106,7 @@ class DaskEngine:
         return max(1, len(self._addresses))
 
     def idle(self) -> bool:
-        """Whether a worker has nothing to do."""
+        """Return whether a worker has nothing to do."""
         self._look()
         return bool(self._idle())
 
@@ -128,7 +128,7 @@ class DaskEngine:
         future.add_done_callback(lambda _: self._ended.put(ticket))
 
     def wait(self, seconds: float) -> list[Done]:
-        """Chunks that ended; after `seconds` at the latest.
+        """Return chunks that ended; after `seconds` at the latest.
 
         Raises UsageError if the scheduler is gone.
         """
@@ -143,12 +143,12 @@ class DaskEngine:
         self._look()
         now = time.monotonic()
         for ticket, busy in list(self._busy.items()):
-            gone, late = busy.address not in self._addresses, now > busy.until
-            if gone or late:
+            is_lost, is_late = busy.address not in self._addresses, now > busy.until
+            if is_lost or is_late:
                 del self._busy[ticket]
                 self._client.cancel([busy.future], force=True)
                 self._abandoned.add(busy.address)
-                done.append(Done(busy.chunk, lost="its worker was lost" if gone else "it hung"))
+                done.append(Done(busy.chunk, lost="its worker was lost" if is_lost else "it hung"))
         return done
 
     def _finish(self, busy: _Busy) -> Done:
@@ -164,8 +164,8 @@ class DaskEngine:
             ) from error
 
     def _idle(self) -> list[str]:
-        taken = {busy.address for busy in self._busy.values()}
-        return sorted(self._addresses - taken)
+        busy_addresses = {busy.address for busy in self._busy.values()}
+        return sorted(self._addresses - busy_addresses)
 
     def _look(self) -> None:
         """See now and then which workers there are; one with several threads is refused."""
@@ -201,7 +201,7 @@ def make_rows_on_dask(recipe: Recipe, chunk: Chunk) -> list[Row]:
 
     A worker of Dask that has lost its scheduler waits for its task first, however long that takes.
     """
-    worker = _distributed().get_worker()
+    worker = _load_distributed().get_worker()
     is_done = threading.Event()
     watch = threading.Thread(target=_end_without_scheduler, args=(worker, is_done), daemon=True)
     watch.start()
@@ -220,7 +220,7 @@ def _end_without_scheduler(worker: Any, is_done: threading.Event) -> None:
         os._exit(1)
 
 
-def _distributed() -> ModuleType:
+def _load_distributed() -> ModuleType:
     try:
         import distributed
     except ImportError as error:

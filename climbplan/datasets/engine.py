@@ -35,13 +35,13 @@ class Engine(Protocol):
 
     @property
     def width(self) -> int:
-        """How many chunks can be worked on at once, at the moment."""
+        """Return how many chunks can be worked on at once, at the moment."""
 
     def idle(self) -> bool:
-        """Whether there is a worker for one more chunk."""
+        """Return whether there is a worker for one more chunk."""
 
     def submit(self, chunk: Chunk) -> None:
         """Give a chunk to an idle worker."""
 
     def wait(self, seconds: float) -> list[Done]:
-        """What came to an end meanwhile. Raises what making a source raises."""
+        """Return what came to an end meanwhile. Raises what making a source raises."""

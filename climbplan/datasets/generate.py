@@ -40,7 +40,7 @@ class Generated:
 
 
 @contextmanager
-def generated(
+def generate_rows(
     loaded: LoadedDataset,
     recipe: Recipe,
     files: tuple[Path, ...],
@@ -56,7 +56,7 @@ def generated(
         UsageError: a stopped run that is another one or was not to go on, a full disk, a cluster
             that does not answer; whatever making the source raises.
     """
-    say = tell or _silent
+    log = tell or _ignore_line
     spec = loaded.spec
     frame = recipe.source().frame  # what cannot work at all fails here, before any worker
     identity = Identity.of(spec, frame, files)
@@ -64,13 +64,15 @@ def generated(
         store = ShardStore(place.path, frame, identity.token, spec.count, spec.shard)
         try:
             begin = time.perf_counter()
-            found = store.find()
-            for name in found.damaged:
-                say(f"shard {name}; its rows are made again")
+            stored_rows = store.find()
+            for name in stored_rows.damaged:
+                log(f"shard {name}; its rows are made again")
             if place.continues:
-                say(f"going on: {len(found.rows)} of {spec.count} rows are there")
-            with _engine(replace(recipe, token=identity.token), options) as engine:
-                count = run_rows(store, engine, spec.seed, found.rows, found.answered, report)
+                log(f"going on: {len(stored_rows.rows)} of {spec.count} rows are there")
+            with _select_engine(replace(recipe, token=identity.token), options) as engine:
+                count = run_rows(
+                    store, engine, spec.seed, stored_rows.rows, stored_rows.answered, report
+                )
             data = replace(
                 store.dataset(),
                 name=loaded.name,
@@ -78,25 +80,30 @@ def generated(
                 spec_text=loaded.text,
                 spec_sha256=loaded.sha256,
                 base_seed=spec.seed,
-                timings={"rows": time.perf_counter() - begin, "rows_resumed": len(found.rows)},
+                timings={
+                    "rows": time.perf_counter() - begin,
+                    "rows_resumed": len(stored_rows.rows),
+                },
                 solvers={"method": spec.problem.solver.method},
             )
-            yield Generated(data, count, len(found.rows))
+            yield Generated(data, count, len(stored_rows.rows))
         except BaseException:
-            kept = len(store.find().rows)
-            if kept:
-                say(f"stopped: {kept} of {spec.count} rows are kept, --resume goes on with them")
+            num_kept = len(store.find().rows)
+            if num_kept:
+                log(
+                    f"stopped: {num_kept} of {spec.count} rows are kept, --resume goes on with them"
+                )
             else:
                 place.remove()
             raise
         place.remove()
 
 
-def _engine(recipe: Recipe, options: RunOptions) -> Engine:
+def _select_engine(recipe: Recipe, options: RunOptions) -> Engine:
     if options.scheduler is not None:
         return DaskEngine(recipe, options.scheduler)
     return LocalEngine(recipe, options.jobs)
 
 
-def _silent(line: str) -> None:
+def _ignore_line(line: str) -> None:
     pass

@@ -55,7 +55,7 @@ class LocalEngine:
         trace: TracebackType | None,
     ) -> None:
         for pool in [*self._free, *(busy.pool for busy in self._busy.values())]:
-            _end(pool)
+            _stop_pool(pool)
         self._free, self._busy = [], {}
 
     @property
@@ -64,17 +64,17 @@ class LocalEngine:
         return self._jobs
 
     def idle(self) -> bool:
-        """Whether a worker has nothing to do."""
+        """Return whether a worker has nothing to do."""
         return len(self._busy) < self._jobs
 
     def submit(self, chunk: Chunk) -> None:
         """Give a chunk to an idle worker, started if need be."""
-        pool = self._free.pop() if self._free else _pool()
+        pool = self._free.pop() if self._free else _start_pool()
         try:
             future = pool.submit(make_rows, self._recipe, chunk)
         except BrokenProcessPool:  # it died while it had nothing to do
-            _end(pool)
-            pool = _pool()
+            _stop_pool(pool)
+            pool = _start_pool()
             future = pool.submit(make_rows, self._recipe, chunk)
         self._tickets += 1
         ticket = self._tickets
@@ -83,7 +83,7 @@ class LocalEngine:
         future.add_done_callback(lambda _: self._ended.put(ticket))
 
     def wait(self, seconds: float) -> list[Done]:
-        """Chunks that ended; after `seconds` at the latest."""
+        """Return chunks that ended; after `seconds` at the latest."""
         tickets = []
         try:
             tickets.append(self._ended.get(timeout=seconds))
@@ -95,7 +95,7 @@ class LocalEngine:
         now = time.monotonic()
         for ticket in [t for t, busy in self._busy.items() if now > busy.until]:
             busy = self._busy.pop(ticket)
-            _end(busy.pool)
+            _stop_pool(busy.pool)
             done.append(Done(busy.chunk, lost="its worker hung"))
         return done
 
@@ -103,23 +103,23 @@ class LocalEngine:
         try:
             rows = busy.future.result()
         except BrokenProcessPool as error:
-            _end(busy.pool)
-            return Done(busy.chunk, lost=f"its worker died{_exit_code(error)}")
+            _stop_pool(busy.pool)
+            return Done(busy.chunk, lost=f"its worker died{_format_exit_code(error)}")
         self._free.append(busy.pool)
         return Done(busy.chunk, tuple(rows))
 
 
-def _pool() -> Any:
+def _start_pool() -> Any:
     return ProcessPoolExecutor(
         max_workers=1, env=ONE_THREAD, initializer=start_worker, initargs=(os.getpid(),)
     )
 
 
-def _end(pool: Any) -> None:
+def _stop_pool(pool: Any) -> None:
     pool.shutdown(wait=True, kill_workers=True)
 
 
-def _exit_code(error: BrokenProcessPool) -> str:
-    """How the process ended, as loky's message has it: " (SIGKILL(-9))"."""
-    found = re.search(r"\{([A-Z]+\(-?\d+\))", str(error))
-    return f" ({found[1]})" if found else ""
+def _format_exit_code(error: BrokenProcessPool) -> str:
+    """Return how the process ended, as loky's message has it: " (SIGKILL(-9))"."""
+    match = re.search(r"\{([A-Z]+\(-?\d+\))", str(error))
+    return f" ({match[1]})" if match else ""

@@ -12,10 +12,10 @@ from climbplan.methods.solved import read_library, read_strategy_model
 from climbplan.program.problem import Problem
 
 
-def program_source(
+def build_program_source(
     load: Callable[[], Problem], spec: ProgramProblemSpec, directory: Path
 ) -> ProgramRows:
-    """A stated problem; `load` imports it. The spec's files are looked up from `directory`.
+    """Return a stated problem; `load` imports it. The spec's files are looked up from `directory`.
 
     Raises PlanFileError or UsageError for a library or model that does not serve the problem.
     """

@@ -12,7 +12,7 @@ from climbplan.datasets.engine import Done, Engine
 from climbplan.datasets.recipe import Chunk
 from climbplan.datasets.shards import ShardStore
 from climbplan.store.dataset import ANSWERED
-from climbplan.store.dataset_row import Row, RowAnswer, child_seed
+from climbplan.store.dataset_row import Row, RowAnswer, derive_seed
 
 _WAIT = 0.2  # [s]
 _AT_ONCE = 1.0  # [s] of work that a worker is asked for at once
@@ -94,9 +94,9 @@ class _Pending:
     def take(self, workers: int) -> Chunk:
         if self._again:
             return self._again.popleft()
-        fair = -(-len(self._missing) // (2 * workers))  # towards the end all are busy
-        wanted = 1 if self._pace == 0.0 else int(_AT_ONCE / max(self._pace, 1e-6))
-        size = max(1, min(wanted, _MOST_ROWS, fair))
+        fair_size = -(-len(self._missing) // (2 * workers))  # towards the end all are busy
+        target_size = 1 if self._pace == 0.0 else int(_AT_ONCE / max(self._pace, 1e-6))
+        size = max(1, min(target_size, _MOST_ROWS, fair_size))
         return Chunk(tuple(self._missing.popleft() for _ in range(min(size, len(self._missing)))))
 
 
@@ -131,7 +131,7 @@ class _State:
         chunk = done.chunk
         for index in chunk.rows:
             if chunk.only_draw:  # not even the sampler survives
-                row = Row(index, child_seed(self._seed, index), None, RowAnswer("failed"))
+                row = Row(index, derive_seed(self._seed, index), None, RowAnswer("failed"))
                 self._store.add([self._explained(row)])
                 self._new += 1
                 continue
@@ -142,19 +142,19 @@ class _State:
                 self.pending.again(Chunk((index,), chunk.attempt + 1, only_draw=True))
 
     def _explained(self, row: Row) -> Row:
-        """A row that was given up says why."""
+        """Return a row that was given up says why."""
         reason = self._reasons.get(row.index)
         if reason is None or row.answer.status != "failed":
             return row
         return replace(row, answer=replace(row.answer, message=reason))
 
     def _spent(self, rows: list[Row]) -> float:
-        """Time of some rows, the sampler's included: what the whole run needed for a row."""
+        """Return time of some rows, the sampler's included: what the whole run needed for a row."""
         solving = sum(row.answer.time for row in rows)
         return max(solving, 1e-4 * len(rows))
 
     def count(self) -> Count:
-        """How far it is."""
+        """Return how far it is."""
         seconds = time.monotonic() - self._begin
         done = self._had + self._new
         return Count(self._store.count, done, self._answered, seconds, self._new)

@@ -20,9 +20,9 @@ from typing import Any
 import numpy as np
 
 from climbplan.errors import PlanFileError
-from climbplan.store.atomic_file import written_aside
+from climbplan.store.atomic_file import replace_atomically
 from climbplan.store.dataset import Dataset, DatasetFrame
-from climbplan.store.dataset_row import Row, RowAnswer, dataset_of
+from climbplan.store.dataset_row import Row, RowAnswer, build_dataset
 
 _FORMAT = "climbplan/shard 1"
 _COLUMNS = ("parameters", "feasible", "integers", "objective", "bound", "time", "seed", "row")
@@ -65,15 +65,15 @@ class ShardStore:
             if not path.exists():
                 continue
             try:
-                part = self._read(shard)
+                stored = self._read(shard)
             except PlanFileError as error:
                 damaged.append(str(error))
                 path.unlink()
                 continue
-            rows.update(int(k) for k in part.row)
-            answered += int(part.feasible.sum())
-            if part.count < len(self._rows(shard)):
-                self._open[shard] = _rows_of(part)
+            rows.update(int(k) for k in stored.row)
+            answered += int(stored.feasible.sum())
+            if stored.count < len(self._rows(shard)):
+                self._open[shard] = _convert_to_rows(stored)
         return Found(frozenset(rows), answered, tuple(damaged))
 
     def add(self, rows: Iterable[Row]) -> None:
@@ -102,17 +102,17 @@ class ShardStore:
         self._save_at = end + min((end - begin) / _MAX_WRITING, _MAX_WAIT)
 
     def dataset(self) -> Dataset:
-        """All rows of a complete run, in order.
+        """Return all rows of a complete run, in order.
 
         Raises PlanFileError for a shard that is missing or was damaged since.
         """
-        parts = []
+        datasets = []
         for shard in range(-(-self.count // self.size)):
-            part = self._read(shard)
-            if part.count != len(self._rows(shard)):
-                raise PlanFileError(f"{self._path(shard)}: {part.count} rows, expected more")
-            parts.append(part)
-        return Dataset.joined(parts)
+            stored = self._read(shard)
+            if stored.count != len(self._rows(shard)):
+                raise PlanFileError(f"{self._path(shard)}: {stored.count} rows, expected more")
+            datasets.append(stored)
+        return Dataset.joined(datasets)
 
     def _rows(self, shard: int) -> range:
         return range(shard * self.size, min((shard + 1) * self.size, self.count))
@@ -122,11 +122,11 @@ class ShardStore:
         return self.directory / f"rows_{rows.start:08d}_{rows.stop - 1:08d}.shard"
 
     def _write(self, shard: int) -> None:
-        part = dataset_of(self.frame, self._open[shard])
+        dataset = build_dataset(self.frame, self._open[shard])
         content = io.BytesIO()
-        texts = json.dumps([part.status, part.message]).encode()
-        arrays: dict[str, Any] = {name: vars(part)[name] for name in _COLUMNS}
-        arrays |= {f"solution.{name}": value for name, value in part.solution.items()}
+        texts = json.dumps([dataset.status, dataset.message]).encode()
+        arrays: dict[str, Any] = {name: vars(dataset)[name] for name in _COLUMNS}
+        arrays |= {f"solution.{name}": value for name, value in dataset.solution.items()}
         np.savez(content, texts=np.frombuffer(texts, np.uint8), **arrays)
         payload = content.getvalue()
         header = {
@@ -134,8 +134,8 @@ class ShardStore:
             "run": self.token,
             "sha256": hashlib.sha256(payload).hexdigest(),
         }
-        with written_aside(self._path(shard)) as aside:
-            aside.write_bytes(json.dumps(header).encode() + b"\n" + payload)
+        with replace_atomically(self._path(shard)) as temporary_path:
+            temporary_path.write_bytes(json.dumps(header).encode() + b"\n" + payload)
         self._unsaved.discard(shard)
 
     def _read(self, shard: int) -> Dataset:
@@ -164,7 +164,7 @@ class ShardStore:
             with np.load(io.BytesIO(payload), allow_pickle=False) as archive:
                 arrays = {name: archive[name] for name in archive.files}
             status, message = json.loads(arrays["texts"].tobytes())
-            part = Dataset(
+            stored = Dataset(
                 frame=self.frame,
                 solution={name: arrays[f"solution.{name}"] for name in self.frame.layouts},
                 status=tuple(status),
@@ -173,31 +173,31 @@ class ShardStore:
             )
         except (ValueError, KeyError, zipfile.BadZipFile) as error:
             raise refuse(f"damaged: {error}") from error
-        known = set(rows)
-        if len(set(part.row.tolist()) & known) != part.count:
+        expected_rows = set(rows)
+        if len(set(stored.row.tolist()) & expected_rows) != stored.count:
             raise refuse("damaged: other rows in it")
-        return part
+        return stored
 
 
-def _rows_of(part: Dataset) -> list[Row]:
-    """A part of a shard as rows again, to be completed."""
+def _convert_to_rows(stored: Dataset) -> list[Row]:
+    """Return a part of a shard as rows again, to be completed."""
     rows = []
-    for k in range(part.count):
-        solution = {name: value[k] for name, value in part.solution.items()}
-        drawn = bool(np.isfinite(part.parameters[k]).all())
+    for k in range(stored.count):
+        solution = {name: value[k] for name, value in stored.solution.items()}
+        is_drawn = bool(np.isfinite(stored.parameters[k]).all())
         rows.append(
             Row(
-                index=int(part.row[k]),
-                seed=int(part.seed[k]),
-                parameters=part.parameters[k] if drawn else None,
+                index=int(stored.row[k]),
+                seed=int(stored.seed[k]),
+                parameters=stored.parameters[k] if is_drawn else None,
                 answer=RowAnswer(
-                    status=part.status[k],
-                    message=part.message[k],
+                    status=stored.status[k],
+                    message=stored.message[k],
                     solution=solution,
-                    integers=part.integers[k],
-                    objective=float(part.objective[k]),
-                    bound=float(part.bound[k]),
-                    time=float(part.time[k]),
+                    integers=stored.integers[k],
+                    objective=float(stored.objective[k]),
+                    bound=float(stored.bound[k]),
+                    time=float(stored.time[k]),
                     evidence=solution,
                 ),
             )

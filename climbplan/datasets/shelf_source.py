@@ -8,6 +8,6 @@ from climbplan.bookshelf.planner.dataset_rows import ShelfRows
 from climbplan.bookshelf.schema.dataset import BookshelfProblemSpec
 
 
-def shelf_source(spec: BookshelfProblemSpec, directory: Path, seed: int) -> ShelfRows:
-    """Bookshelf scenes as a spec describes them; files are looked up from `directory`."""
+def build_shelf_source(spec: BookshelfProblemSpec, directory: Path, seed: int) -> ShelfRows:
+    """Return bookshelf scenes as a spec describes them; files are looked up from `directory`."""
     return ShelfRows(spec, directory, seed)

@@ -10,8 +10,8 @@ from climbplan.robots.any_robot import build_robot, require_no_flat_feet
 from climbplan.schema.robots.source import load_any_robot
 
 
-def terrain_source(spec: TerrainsProblemSpec, directory: Path) -> TerrainRows:
-    """Terrains as a spec describes them; a robot's file is looked up from `directory`."""
+def build_terrain_source(spec: TerrainsProblemSpec, directory: Path) -> TerrainRows:
+    """Return terrains as a spec describes them; a robot's file is looked up from `directory`."""
     return TerrainRows(
         spec,
         build_robot(

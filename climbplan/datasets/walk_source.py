@@ -9,6 +9,6 @@ from climbplan.walking.schema.dataset import WalksProblemSpec
 from climbplan.walking.schema.loading import load_body
 
 
-def walk_source(spec: WalksProblemSpec, directory: Path) -> WalkRows:
-    """Walks as a spec describes them; a robot's file is looked up from `directory`."""
+def build_walk_source(spec: WalksProblemSpec, directory: Path) -> WalkRows:
+    """Return walks as a spec describes them; a robot's file is looked up from `directory`."""
     return WalkRows(spec, load_body(spec.robot, directory))

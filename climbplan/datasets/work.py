@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.datasets.recipe import Chunk, Recipe
-from climbplan.store.dataset_row import Row, RowAnswer, RowSource, child_seed
+from climbplan.store.dataset_row import Row, RowAnswer, RowSource, derive_seed
 
 ONE_THREAD = dict.fromkeys(
     ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1"
@@ -32,7 +32,7 @@ def start_worker(parent: int) -> None:
 
 
 def make_rows(recipe: Recipe, chunk: Chunk) -> list[Row]:
-    """The rows of a chunk, in order. Raises what making the source raises; rows never do."""
+    """Return the rows of a chunk, in order. Raises what making the source raises; rows never do."""
     source = _prepared.get(recipe.token)
     if source is None:
         source = recipe.source()
@@ -40,35 +40,35 @@ def make_rows(recipe: Recipe, chunk: Chunk) -> list[Row]:
         _prepared[recipe.token] = source
     rows = []
     for index in chunk.rows:
-        with _watched(recipe.row_seconds):
+        with _limit_time(recipe.row_seconds):
             rows.append(make_row(source, recipe.seed, index, chunk.only_draw))
     return rows
 
 
 def make_row(source: RowSource[Any], seed: int, index: int, only_draw: bool = False) -> Row:
-    """One row, whatever its sampler and solver do short of ending the process.
+    """Return one row, whatever its sampler and solver do short of ending the process.
 
     Any exception is the row's own failure: it is kept as its message, and the run goes on.
     """
-    own = child_seed(seed, index)
+    row_seed = derive_seed(seed, index)
     begin = time.perf_counter()
     parameters = None
     try:
-        drawn = source.draw(np.random.default_rng(own))
-        parameters = source.parameters(drawn)
+        problem = source.draw(np.random.default_rng(row_seed))
+        parameters = source.parameters(problem)
         if only_draw:
-            return Row(index, own, parameters, RowAnswer("failed"))
+            return Row(index, row_seed, parameters, RowAnswer("failed"))
         begin = time.perf_counter()
-        return Row(index, own, parameters, source.solve(drawn))
+        return Row(index, row_seed, parameters, source.solve(problem))
     except Exception as error:
         stage = "sampler" if parameters is None else "solver"
-        told = f"{stage}: {type(error).__name__}: {error}".partition("\n")[0][:_MOST_WORDS]
-        spent = time.perf_counter() - begin
-        return Row(index, own, parameters, RowAnswer("failed", told, time=spent))
+        message = f"{stage}: {type(error).__name__}: {error}".partition("\n")[0][:_MOST_WORDS]
+        duration = time.perf_counter() - begin
+        return Row(index, row_seed, parameters, RowAnswer("failed", message, time=duration))
 
 
 @contextmanager
-def _watched(seconds: float) -> Iterator[None]:
+def _limit_time(seconds: float) -> Iterator[None]:
     """End this process if the block takes longer, even where it hangs in compiled code."""
     with Path(os.devnull).open("w") as nowhere:
         faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)

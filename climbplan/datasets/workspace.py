@@ -19,7 +19,7 @@ from typing import Any, Self
 import climbplan
 from climbplan.datasets.schema.model import DatasetSpec
 from climbplan.errors import UsageError
-from climbplan.store.atomic_file import written_aside
+from climbplan.store.atomic_file import replace_atomically
 from climbplan.store.dataset import DatasetFrame
 
 _NOTE = "run.json"
@@ -53,7 +53,7 @@ class Identity:
         return cls(
             {key: value for key, value in values.items() if key not in _TITLES},
             json.loads(json.dumps(problem)),
-            {str(path): _digest(path) for path in files},
+            {str(path): _compute_digest(path) for path in files},
         )
 
     @property
@@ -131,13 +131,13 @@ class Workspace:
             },
             indent=1,
         )
-        with written_aside(note) as aside:
-            aside.write_text(text, encoding="utf-8")
+        with replace_atomically(note) as temporary_path:
+            temporary_path.write_text(text, encoding="utf-8")
 
     def _require_same(self, note: Path) -> None:
         try:
             stored = json.loads(note.read_text(encoding="utf-8"))
-            parts = [dict(stored[name]) for name in ("spec", "problem", "files")]
+            stored_sections = [dict(stored[name]) for name in ("spec", "problem", "files")]
             token = stored["token"]
         except (ValueError, KeyError, TypeError, OSError) as error:
             raise UsageError(
@@ -146,12 +146,17 @@ class Workspace:
         if token == self._identity.token:
             return
         now = (self._identity.spec, self._identity.problem, self._identity.files)
-        words = [
+        differences = [
             line
-            for name, before, after in zip(("", "problem", "contents of"), parts, now, strict=True)
-            for line in _differences(before, after, name)
+            for name, before, after in zip(
+                ("", "problem", "contents of"), stored_sections, now, strict=True
+            )
+            for line in _list_differences(before, after, name)
         ]
-        listed = [*words[:_MOST_LISTED], *(["..."] if len(words) > _MOST_LISTED else [])]
+        listed = [
+            *differences[:_MOST_LISTED],
+            *(["..."] if len(differences) > _MOST_LISTED else []),
+        ]
         what = "; ".join(listed) or "another version of its files"
         raise UsageError(
             f"{self._target}: the stopped run was another one, --resume cannot go on with it: "
@@ -172,22 +177,22 @@ class Workspace:
             self._lock = None
 
 
-def _differences(before: Any, after: Any, place: str) -> Iterator[str]:
-    """Where two plain values differ: "problem.books: 3 in the stopped run, 4 now"."""
+def _list_differences(before: Any, after: Any, place: str) -> Iterator[str]:
+    """Yield where two plain values differ: "problem.books: 3 in the stopped run, 4 now"."""
     if isinstance(before, dict) and isinstance(after, dict):
         for key in sorted({*before, *after}):
             below = f"{place}.{key}" if place else key
-            yield from _differences(before.get(key), after.get(key), below)
+            yield from _list_differences(before.get(key), after.get(key), below)
     elif before != after:
-        yield f"{place}: {_short(before)} in the stopped run, {_short(after)} now"
+        yield f"{place}: {_shorten(before)} in the stopped run, {_shorten(after)} now"
 
 
-def _short(value: Any) -> str:
+def _shorten(value: Any) -> str:
     text = json.dumps(value)
     return text if len(text) <= 40 else f"{text[:37]}..."
 
 
-def _digest(path: Path) -> str:
+def _compute_digest(path: Path) -> str:
     try:
         return hashlib.sha256(path.read_bytes()).hexdigest()
     except OSError as error:

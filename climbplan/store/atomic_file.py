@@ -11,26 +11,26 @@ from climbplan.errors import UsageError
 
 
 @contextmanager
-def written_aside(path: Path) -> Iterator[Path]:
+def replace_atomically(path: Path) -> Iterator[Path]:
     """A path next to `path` to write to; it takes the place of `path` if all goes well.
 
     Whatever stops the writing, the file at `path` stays as it was. Raises UsageError if the place
     cannot be written to.
     """
-    aside = path.with_name(f".{path.name}.{os.getpid()}.part")
+    temporary_path = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         if path.is_dir():
             raise UsageError(f"{path}: cannot be written: it is a directory")
-        yield aside
-        _flush(aside)
-        os.replace(aside, path)
+        yield temporary_path
+        _flush(temporary_path)
+        os.replace(temporary_path, path)
         _flush(path.parent)  # the rename itself
     except OSError as error:
         reason = error.strerror or str(error)
         raise UsageError(f"{path}: cannot be written: {reason}") from error
     finally:
         with suppress(OSError):  # a place where nothing could be written
-            aside.unlink(missing_ok=True)
+            temporary_path.unlink(missing_ok=True)
 
 
 def _flush(path: Path) -> None:

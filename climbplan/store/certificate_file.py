@@ -21,8 +21,8 @@ from climbplan.program.polytope import Polytope
 from climbplan.solvers.result import Status
 from climbplan.store.certified import CertifiedRow, CertifiedRows
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets, write_text
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets, write_text
 from climbplan.store.root_attributes import read_root, require_other, write_root
 
 FORMAT = "climbplan/certificate"
@@ -70,7 +70,7 @@ _ENTRIES = {
 
 def write_certificates(certified: CertifiedRows, path: Path) -> None:
     """Write certificates; the file appears whole or not at all. Raises UsageError if it cannot."""
-    with new_store(path) as file:
+    with create_store(path) as file:
         write_root(
             file,
             certified,
@@ -105,18 +105,18 @@ def _write_instance(group: h5py.Group, instance: Instance) -> None:
     _write_sparse(implied, "Q", instance.implications.Q)
     write_datasets(implied, _IMPLIED, vars(instance.implications), compressed=True)
     for k, balls in enumerate(instance.balls):
-        here = group.create_group(f"balls/{k:06d}")
-        _write_sparse(here, "F", balls.F)
-        write_datasets(here, _BALLS, vars(balls))
+        subgroup = group.create_group(f"balls/{k:06d}")
+        _write_sparse(subgroup, "F", balls.F)
+        write_datasets(subgroup, _BALLS, vars(balls))
     for k, choice in enumerate(instance.choices):
-        here = group.create_group(f"choices/{k:06d}")
-        write_text(here, "name", choice.name)
-        _write_sparse(here, "E", choice.E)
-        write_dataset(here, "e", choice.e, _CENTRE)
+        subgroup = group.create_group(f"choices/{k:06d}")
+        write_text(subgroup, "name", choice.name)
+        _write_sparse(subgroup, "E", choice.E)
+        write_dataset(subgroup, "e", choice.e, _CENTRE)
         for r, polytope in enumerate(choice.alternatives):
-            one = here.create_group(f"alternatives/{r:06d}")
-            write_text(one, "name", polytope.name)
-            write_datasets(one, _POLYTOPE, vars(polytope))
+            alternative_group = subgroup.create_group(f"alternatives/{r:06d}")
+            write_text(alternative_group, "name", polytope.name)
+            write_datasets(alternative_group, _POLYTOPE, vars(polytope))
 
 
 def _write_proof(group: h5py.Group, certificate: Certificate) -> None:
@@ -127,18 +127,18 @@ def _write_proof(group: h5py.Group, certificate: Certificate) -> None:
 
 def _write_sparse(group: h5py.Group, name: str, matrix: Any) -> None:
     entries = sparse.coo_matrix(matrix)
-    here = group.create_group(name)
-    parts = {"row": entries.row, "column": entries.col, "value": entries.data}
-    for part, layout in _ENTRIES.items():
-        write_dataset(here, part, parts[part], layout, compressed=True)
+    subgroup = group.create_group(name)
+    columns = {"row": entries.row, "column": entries.col, "value": entries.data}
+    for column, layout in _ENTRIES.items():
+        write_dataset(subgroup, column, columns[column], layout, compressed=True)
 
 
 def read_certificates(path: Path) -> CertifiedRows:
-    """The certificates in a file, as they were written; nothing in it is ever run.
+    """Return the certificates in a file, as they were written; nothing in it is ever run.
 
     Raises PlanFileError for another format, and for missing, misshapen or infinite numbers.
     """
-    with opened_store(path) as file:
+    with open_store(path) as file:
         reader = Reader(path, file)
         require_other(reader, FORMAT_VERSION, FORMAT, "written by `climbplan solve --certificate`")
         members = reader.members("rows", _MOST_ROWS)
@@ -156,7 +156,7 @@ def read_certificates(path: Path) -> CertifiedRows:
 
 
 def _read_row(path: Path, file: h5py.File, name: str) -> CertifiedRow:
-    """One row, whose dimensions are its own."""
+    """Return one row, whose dimensions are its own."""
     reader = Reader(path, file)
     status = reader.text(name, "status")
     if status not in get_args(Status):
@@ -166,9 +166,12 @@ def _read_row(path: Path, file: h5py.File, name: str) -> CertifiedRow:
     reader.dimensions["C"] = len(instance.choices)
     answer: dict[str, Any] = {"x": None, "assignment": None}
     if reader.has(f"{name}/x"):
-        answer = {part: reader.array(f"{name}/{part}", on) for part, on in _ANSWER.items()}
-        many = np.array([len(choice.alternatives) for choice in instance.choices], int)
-        if ((answer["assignment"] < 0) | (answer["assignment"] >= many)).any():
+        answer = {
+            array_name: reader.array(f"{name}/{array_name}", on)
+            for array_name, on in _ANSWER.items()
+        }
+        num_alternatives = np.array([len(choice.alternatives) for choice in instance.choices], int)
+        if ((answer["assignment"] < 0) | (answer["assignment"] >= num_alternatives)).any():
             raise reader.refuse(f"{name}/assignment: no such alternative")
     certificate = _read_proof(reader, f"{name}/proof", instance)
     if reader.not_finite:
@@ -178,19 +181,25 @@ def _read_row(path: Path, file: h5py.File, name: str) -> CertifiedRow:
 
 def _read_instance(reader: Reader, name: str) -> Instance:
     arrays: dict[str, Any] = {
-        part: reader.array(f"{name}/{part}", on) for part, on in _VECTORS.items()
+        array_name: reader.array(f"{name}/{array_name}", on) for array_name, on in _VECTORS.items()
     }
     n, m = len(arrays["q"]), len(arrays["row_lower"])
-    at = f"{name}/implications"
-    implied = {part: reader.array(f"{at}/{part}", on) for part, on in _IMPLIED.items()}
+    implications_path = f"{name}/implications"
+    implied = {
+        array_name: reader.array(f"{implications_path}/{array_name}", on)
+        for array_name, on in _IMPLIED.items()
+    }
     if ((implied["binary"] < 0) | (implied["binary"] >= n)).any():
-        raise reader.refuse(f"{at}/binary: no such variable")
+        raise reader.refuse(f"{implications_path}/binary: no such variable")
     count = len(implied["lower"])
-    factors = {part: reader.array(f"{name}/products/{part}", on) for part, on in _PRODUCTS.items()}
+    factors = {
+        array_name: reader.array(f"{name}/products/{array_name}", on)
+        for array_name, on in _PRODUCTS.items()
+    }
     products = Products(**factors)
-    for part, places in factors.items():
-        if ((places < 0) | (places >= n)).any():
-            raise reader.refuse(f"{name}/products/{part}: no such variable")
+    for array_name, columns in factors.items():
+        if ((columns < 0) | (columns >= n)).any():
+            raise reader.refuse(f"{name}/products/{array_name}: no such variable")
     return Instance(
         name=reader.text(name, "name"),
         constant=reader.number(name, "constant"),
@@ -202,15 +211,15 @@ def _read_instance(reader: Reader, name: str) -> Instance:
         products=products,
         Q=_read_sparse(reader, f"{name}/Q", (m, products.count)),
         implications=Implications(
-            A=_read_sparse(reader, f"{at}/A", (count, n)),
-            Q=_read_sparse(reader, f"{at}/Q", (count, products.count)),
+            A=_read_sparse(reader, f"{implications_path}/A", (count, n)),
+            Q=_read_sparse(reader, f"{implications_path}/Q", (count, products.count)),
             **implied,
         ),
     )
 
 
-def _members(reader: Reader, name: str) -> Iterator[str]:
-    """The members of a group, whose dimensions are their own; none where there is no group."""
+def _iterate_members(reader: Reader, name: str) -> Iterator[str]:
+    """Yield the members of a group, whose dimensions are their own; none where there is no group."""
     if not reader.has(name):
         return
     for member in reader.members(name, _MOST_ROWS):
@@ -220,26 +229,34 @@ def _members(reader: Reader, name: str) -> Iterator[str]:
 
 
 def _read_balls(reader: Reader, name: str, n: int) -> Iterator[Balls]:
-    for member in _members(reader, f"{name}/balls"):
-        arrays = {part: reader.array(f"{member}/{part}", on) for part, on in _BALLS.items()}
+    for member in _iterate_members(reader, f"{name}/balls"):
+        arrays = {
+            array_name: reader.array(f"{member}/{array_name}", on)
+            for array_name, on in _BALLS.items()
+        }
         yield Balls(F=_read_sparse(reader, f"{member}/F", (arrays["f"].size, n)), **arrays)
 
 
 def _read_choices(reader: Reader, name: str, n: int) -> Iterator[Choice]:
-    for member in list(_members(reader, f"{name}/choices")):
+    for member in list(_iterate_members(reader, f"{name}/choices")):
         reader.dimensions.pop("e", None)
         centre = reader.array(f"{member}/e", _CENTRE)
         E = _read_sparse(reader, f"{member}/E", (len(centre), n))
         alternatives = []
-        for one in _members(reader, f"{member}/alternatives"):
+        for alternative_path in _iterate_members(reader, f"{member}/alternatives"):
             reader.dimensions["e"] = len(centre)
-            arrays = {part: reader.array(f"{one}/{part}", on) for part, on in _POLYTOPE.items()}
-            alternatives.append(Polytope(reader.text(one, "name"), **arrays))
+            arrays = {
+                array_name: reader.array(f"{alternative_path}/{array_name}", on)
+                for array_name, on in _POLYTOPE.items()
+            }
+            alternatives.append(Polytope(reader.text(alternative_path, "name"), **arrays))
         yield Choice(reader.text(member, "name"), E, centre, tuple(alternatives))
 
 
 def _read_proof(reader: Reader, name: str, instance: Instance) -> Certificate:
-    arrays = {part: reader.array(f"{name}/{part}", on) for part, on in _PROOF.items()}
+    arrays = {
+        array_name: reader.array(f"{name}/{array_name}", on) for array_name, on in _PROOF.items()
+    }
     rows = len(instance.row_lower) + instance.implications.count + len(instance.choices)
     rows += sum(len(p.b) + len(p.c) for choice in instance.choices for p in choice.alternatives)
     rows += sum(balls.f.size for balls in instance.balls) + 4 * instance.products.count
@@ -249,9 +266,11 @@ def _read_proof(reader: Reader, name: str, instance: Instance) -> Certificate:
 
 
 def _read_sparse(reader: Reader, name: str, shape: tuple[int, int]) -> sparse.csr_matrix:
-    """A matrix by its entries, all of which must lie in it, each once."""
+    """Return a matrix by its entries, all of which must lie in it, each once."""
     reader.dimensions.pop("z", None)
-    row, column, value = (reader.array(f"{name}/{part}", on) for part, on in _ENTRIES.items())
+    row, column, value = (
+        reader.array(f"{name}/{array_name}", on) for array_name, on in _ENTRIES.items()
+    )
     inside = (row >= 0) & (row < shape[0]) & (column >= 0) & (column < shape[1])
     if not inside.all():
         raise reader.refuse(f"{name}: entries outside of {shape[0]} x {shape[1]}")

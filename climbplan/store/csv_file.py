@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TextIO
 
-from climbplan.store.atomic_file import written_aside
+from climbplan.store.atomic_file import replace_atomically
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # how cells begin that spreadsheets compute
 
@@ -20,7 +20,10 @@ def write_csv(
     Raises UsageError if a file at `out` cannot be written.
     """
     if isinstance(out, Path):
-        with written_aside(out) as aside, aside.open("w", encoding="utf-8", newline="") as stream:
+        with (
+            replace_atomically(out) as temporary_path,
+            temporary_path.open("w", encoding="utf-8", newline="") as stream,
+        ):
             _write(stream, header, rows)
     else:
         _write(out, header, rows)
@@ -40,7 +43,7 @@ class SafeWriter:
 
     def writerow(self, row: Iterable[object]) -> None:
         """Write one row."""
-        self._writer.writerow([_plain(cell) for cell in row])
+        self._writer.writerow([_escape_formula(cell) for cell in row])
 
     def writerows(self, rows: Iterable[Iterable[object]]) -> None:
         """Write rows."""
@@ -48,7 +51,7 @@ class SafeWriter:
             self.writerow(row)
 
 
-def _plain(cell: object) -> object:
+def _escape_formula(cell: object) -> object:
     if not isinstance(cell, str) or not cell.startswith(_FORMULA):
         return cell
     try:

@@ -26,10 +26,12 @@ _SEQUENCES = ("status", "message")
 _COLUMNS = ("parameters", "feasible", "integers", "objective", "bound", "time", "seed", "row")
 
 
-def solution_layout(
+def build_solution_layout(
     shape: Sequence[int], units: str = "", frame: str = "", kind: Kind = "float"
 ) -> Layout:
-    """The layout of one array of a solution, `shape` without its rows; NaN without an answer."""
+    """Return the layout of one array of a solution, `shape` without its rows; NaN without an
+    answer.
+    """
     return Layout(("n", *shape), units, frame, kind, may_be_nan=kind == "float")
 
 
@@ -87,9 +89,9 @@ class Dataset:
 
     @property
     def statuses(self) -> dict[str, int]:
-        """How many rows ended how."""
-        found = Counter(self.status)
-        return {name: found[name] for name in STATUSES if found[name]}
+        """Return how many rows ended how."""
+        counts = Counter(self.status)
+        return {name: counts[name] for name in STATUSES if counts[name]}
 
     @property
     def overall(self) -> str:
@@ -99,12 +101,12 @@ class Dataset:
         return "infeasible" if set(self.status) == {"infeasible"} else "limit"
 
     def hashes(self) -> tuple[str, ...]:
-        """A hash of each row's parameters (n,): equal ones are the same problem."""
+        """Return a hash of each row's parameters (n,): equal ones are the same problem."""
         rows = np.ascontiguousarray(self.parameters) + 0.0  # no minus zero
         return tuple(hashlib.sha256(row.tobytes()).hexdigest()[:16] for row in rows)
 
     def rows(self, chosen: IntArray) -> Self:
-        """The dataset of some rows (k,), masks left out."""
+        """Return the dataset of some rows (k,), masks left out."""
         arrays: dict[str, Any] = {name: vars(self)[name][chosen] for name in _COLUMNS}
         texts: dict[str, Any] = {
             name: tuple(vars(self)[name][k] for k in chosen) for name in _SEQUENCES
@@ -113,37 +115,39 @@ class Dataset:
         return replace(self, **arrays, **texts, solution=solution, train=None, test=None)
 
     @classmethod
-    def joined(cls, parts: Sequence[Self]) -> Self:
-        """All rows of datasets of one frame, in order; the rest is that of the first.
+    def joined(cls, datasets: Sequence[Self]) -> Self:
+        """Return all rows of datasets of one frame, in order; the rest is that of the first.
 
         Raises UsageError if the frames differ.
         """
-        first = parts[0]
-        for part in parts[1:]:
-            if part.frame != first.frame:
+        first = datasets[0]
+        for dataset in datasets[1:]:
+            if dataset.frame != first.frame:
                 raise UsageError(
-                    f"{part.name or 'a dataset'}: {differing_frame(first.frame, part.frame)}"
+                    f"{dataset.name or 'a dataset'}: {describe_frame_difference(first.frame, dataset.frame)}"
                 )
         arrays: dict[str, Any] = {
-            name: np.concatenate([vars(part)[name] for part in parts]) for name in _COLUMNS
+            name: np.concatenate([vars(dataset)[name] for dataset in datasets]) for name in _COLUMNS
         }
         texts: dict[str, Any] = {
-            name: tuple(text for part in parts for text in vars(part)[name]) for name in _SEQUENCES
+            name: tuple(text for dataset in datasets for text in vars(dataset)[name])
+            for name in _SEQUENCES
         }
         solution = {
-            name: np.concatenate([part.solution[name] for part in parts]) for name in first.solution
+            name: np.concatenate([dataset.solution[name] for dataset in datasets])
+            for name in first.solution
         }
         return replace(first, **arrays, **texts, solution=solution, train=None, test=None)
 
 
-def differing_frame(first: DatasetFrame, second: DatasetFrame) -> str:
-    """What two frames differ in, in words; "" if in nothing."""
-    for word, one, two in (
+def describe_frame_difference(first: DatasetFrame, second: DatasetFrame) -> str:
+    """Return what two frames differ in, in words; "" if in nothing."""
+    for label, first_value, second_value in (
         ("kind of problem", first.kind, second.kind),
         ("problem", first.problem, second.problem),
     ):
-        if one != two:
-            return f"another {word}: {two!r}, expected {one!r}"
+        if first_value != second_value:
+            return f"another {label}: {second_value!r}, expected {first_value!r}"
     for key in sorted({*first.facts, *second.facts}):
         if first.facts.get(key) != second.facts.get(key):
             return (

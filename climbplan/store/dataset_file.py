@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.store.dataset import ANSWERED, STATUSES, Dataset, DatasetFrame, solution_layout
+from climbplan.store.dataset import ANSWERED, STATUSES, Dataset, DatasetFrame, build_solution_layout
 from climbplan.store.hdf5_layout import Kind, Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets
 from climbplan.store.root_attributes import Origin, read_root, require_other, write_root
 
 FORMAT = "climbplan/dataset"
@@ -49,7 +49,7 @@ _KINDS: dict[str, Kind] = {"float": "float", "int": "int", "bool": "bool"}
 def write_dataset_file(data: Dataset, path: Path) -> None:
     """Write a dataset; the file appears whole or not at all. Raises UsageError if it cannot."""
     frame = data.frame
-    with new_store(path) as file:
+    with create_store(path) as file:
         layouts = {
             name: {
                 "shape": list(layout.shape[1:]),
@@ -97,12 +97,12 @@ def write_dataset_file(data: Dataset, path: Path) -> None:
 
 
 def read_dataset_file(path: Path) -> Dataset:
-    """The dataset in a file, exactly as it was written; nothing in it is ever run.
+    """Return the dataset in a file, exactly as it was written; nothing in it is ever run.
 
     Raises PlanFileError for another format, missing or misshapen data, and for numbers that are not
     finite, or a status that denies it, in a row that claims an answer.
     """
-    with opened_store(path) as file:
+    with open_store(path) as file:
         return _read(Reader(path, file))
 
 
@@ -113,7 +113,7 @@ def _read(reader: Reader) -> Dataset:
     arrays: dict[str, Any] = reader.datasets("", _ARRAYS)
     texts: dict[str, Any] = reader.datasets("", _TEXTS)
     names: dict[str, Any] = reader.datasets("", _NAMES)
-    layouts = _layouts(reader)
+    layouts = _read_layouts(reader)
     reader.group("solution")
     solution = reader.datasets("solution", layouts)
     masks: dict[str, Any] = {}
@@ -126,7 +126,7 @@ def _read(reader: Reader) -> Dataset:
         problem=reader.text("", "problem"),
         facts=reader.mapping("facts"),
         layouts=layouts,
-        objective_unit=_objective_unit(reader),
+        objective_unit=_read_objective_unit(reader),
         **names,
     )
     data = Dataset(
@@ -144,7 +144,7 @@ def _read(reader: Reader) -> Dataset:
     return data
 
 
-def _objective_unit(reader: Reader) -> str:
+def _read_objective_unit(reader: Reader) -> str:
     unit = reader.root["objective"].attrs.get("units", "")
     return unit if isinstance(unit, str) else ""
 
@@ -182,8 +182,8 @@ def _require_sound(reader: Reader, data: Dataset) -> None:
             raise reader.refuse(f"row {row}: {name} holds numbers beyond {_LARGEST:g}")
 
 
-def _layouts(reader: Reader) -> dict[str, Layout]:
-    """The layouts of the solution's arrays, as the file itself states them."""
+def _read_layouts(reader: Reader) -> dict[str, Layout]:
+    """Return the layouts of the solution's arrays, as the file itself states them."""
     stated = reader.mapping("solution_layout")
     if len(stated) > _MOST_ARRAYS:
         raise reader.refuse(f"solution_layout names {len(stated)} arrays, expected {_MOST_ARRAYS}")
@@ -199,5 +199,5 @@ def _layouts(reader: Reader) -> dict[str, Layout]:
         units, frame = entry.get("units"), entry.get("frame")
         if not isinstance(units, str) or not isinstance(frame, str):
             raise reader.refuse(f"solution_layout: units or frame of {name!r} are missing")
-        layouts[name] = solution_layout(shape, units, frame, _KINDS[kind])
+        layouts[name] = build_solution_layout(shape, units, frame, _KINDS[kind])
     return layouts

@@ -45,10 +45,10 @@ class RowSource(Protocol, Generic[Drawn]):
 
     @property
     def frame(self) -> DatasetFrame:
-        """What its rows share."""
+        """Return what its rows share."""
 
     def draw(self, rng: np.random.Generator) -> Drawn:
-        """A problem; the same for the same state of the generator."""
+        """Return a problem; the same for the same state of the generator."""
 
     def parameters(self, drawn: Drawn) -> Array:
         """Its parameters (p,)."""
@@ -57,14 +57,14 @@ class RowSource(Protocol, Generic[Drawn]):
         """Its answer, through the problem's own check."""
 
 
-def child_seed(seed: int, row: int) -> int:
-    """The seed of a row, 63 bits: independent of other rows and of who computes it."""
+def derive_seed(seed: int, row: int) -> int:
+    """Return the seed of a row, 63 bits: independent of other rows and of who computes it."""
     child = np.random.SeedSequence(seed, spawn_key=(row,))
     return int(child.generate_state(1, np.uint64)[0] >> 1)
 
 
-def dataset_of(frame: DatasetFrame, rows: Sequence[Row]) -> Dataset:
-    """Rows in order of their index, as columns."""
+def build_dataset(frame: DatasetFrame, rows: Sequence[Row]) -> Dataset:
+    """Return rows in order of their index, as columns."""
     ordered = sorted(rows, key=lambda row: row.index)
     n = len(ordered)
     parameters = np.full((n, len(frame.parameter_names)), math.nan)

@@ -38,18 +38,18 @@ class Amount:
         )
 
 
-def statistics(data: Dataset) -> dict[str, Any]:
-    """Plain values, NaN where nothing is known."""
+def compute_statistics(data: Dataset) -> dict[str, Any]:
+    """Return plain values, NaN where nothing is known."""
     drawn = data.drawn
     cost = data.objective[data.feasible]
     strategies = Counter(tuple(row) for row in data.integers[data.feasible].tolist())
-    hashes = [text for text, there in zip(data.hashes(), drawn, strict=True) if there]
+    hashes = [text for text, is_drawn in zip(data.hashes(), drawn, strict=True) if is_drawn]
     reasons = Counter(
         text or status
         for text, status, good in zip(data.message, data.status, data.feasible, strict=True)
         if not good
     )
-    common = [share for _, share in strategies.most_common(5)]
+    common_counts = [percentile for _, percentile in strategies.most_common(5)]
     return {
         "rows": {
             "count": data.count,
@@ -64,23 +64,23 @@ def statistics(data: Dataset) -> dict[str, Any]:
         "cost": {
             **vars(Amount.of(cost)),
             "percentiles": {
-                str(share): float(np.percentile(cost, share)) if cost.size else math.nan
-                for share in _COST_SHARES
+                str(percentile): float(np.percentile(cost, percentile)) if cost.size else math.nan
+                for percentile in _COST_SHARES
             },
         },
         "time": {**vars(Amount.of(data.time)), "total": float(data.time.sum())},
         "strategies": {
             "distinct": len(strategies),
             "seen_once": sum(count == 1 for count in strategies.values()),
-            "share_of_five_commonest": sum(common) / max(1, int(data.feasible.sum())),
+            "share_of_five_commonest": sum(common_counts) / max(1, int(data.feasible.sum())),
         },
         "reasons": dict(reasons.most_common(_MOST_REASONS)),
     }
 
 
-def statistics_lines(data: Dataset) -> list[str]:
-    """The same for people."""
-    figures = statistics(data)
+def format_statistics(data: Dataset) -> list[str]:
+    """Return the same for people."""
+    figures = compute_statistics(data)
     rows, cost, time = figures["rows"], figures["cost"], figures["time"]
     unit = f" {data.frame.objective_unit}" if data.frame.objective_unit else ""
     ended = ", ".join(f"{count} {status}" for status, count in data.statuses.items())
@@ -93,12 +93,12 @@ def statistics_lines(data: Dataset) -> list[str]:
     ]
     if rows["answered"]:
         spread = f"mean {cost['mean']:.4g}{unit}, median {cost['median']:.4g}"
-        most = f"99 % {cost['most99']:.4g}, largest {cost['largest']:.4g}"
+        upper_text = f"99 % {cost['most99']:.4g}, largest {cost['largest']:.4g}"
         distinct = f"{figures['strategies']['distinct']} distinct"
-        share = 100 * figures["strategies"]["share_of_five_commonest"]
+        percentage = 100 * figures["strategies"]["share_of_five_commonest"]
         lines += [
-            f"{'cost':<11} {spread}, {most}",
-            f"{'strategies':<11} {distinct}, the five commonest in {share:.0f} % of rows",
+            f"{'cost':<11} {spread}, {upper_text}",
+            f"{'strategies':<11} {distinct}, the five commonest in {percentage:.0f} % of rows",
         ]
     lines.append(
         f"{'time':<11} mean {1e3 * time['mean']:.3g} ms a row, median {1e3 * time['median']:.3g}, "

@@ -33,35 +33,37 @@ _OBJECT = struct.Struct("<HHIQ")  # index, references, reserved, size in bytes
 _ALIGNED = 8
 
 
-def text_heaps_are_whole(path: Path) -> bool:
-    """Whether every text collection in the file at `path` is a chain of objects that fills it."""
+def has_whole_text_heaps(path: Path) -> bool:
+    """Return whether every text collection in the file at `path` is a chain of objects that fills
+    it.
+    """
     if path.stat().st_size == 0:
         return True
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         start = content.find(_START)
         while start >= 0:
-            end = _end_of(content, start)
+            end = _find_end(content, start)
             if end is None:
                 return False
             start = content.find(_START, end)
     return True
 
 
-def _end_of(content: mmap.mmap, start: int) -> int | None:
-    """Where a collection ends, None if its objects do not add up."""
+def _find_end(content: mmap.mmap, start: int) -> int | None:
+    """Return where a collection ends, None if its objects do not add up."""
     if start + _COLLECTION.size > len(content):
         return None
     _, size = _COLLECTION.unpack_from(content, start)
     end = start + size
     if end > len(content):
         return None
-    here = start + _COLLECTION.size
-    while here + _OBJECT.size <= end:
-        index, _, _, length = _OBJECT.unpack_from(content, here)
+    offset = start + _COLLECTION.size
+    while offset + _OBJECT.size <= end:
+        index, _, _, length = _OBJECT.unpack_from(content, offset)
         if index == 0:  # what is left, its own header included
-            return end if here + length == end else None
-        here += _OBJECT.size + -(-length // _ALIGNED) * _ALIGNED
-    return end if here <= end else None
+            return end if offset + length == end else None
+        offset += _OBJECT.size + -(-length // _ALIGNED) * _ALIGNED
+    return end if offset <= end else None
 
 
 LARGEST_DATASET = 2**30  # [bytes]
@@ -79,7 +81,7 @@ _DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeErro
 
 
 @contextmanager
-def opened_store(path: Path) -> Iterator[h5py.File]:
+def open_store(path: Path) -> Iterator[h5py.File]:
     """An existing HDF5 file.
 
     Raises PlanFileError for a missing file, a directory, another format or a damaged file.
@@ -97,7 +99,7 @@ def opened_store(path: Path) -> Iterator[h5py.File]:
     if not is_hdf5:
         what = "empty" if empty else "not an HDF5 file"
         raise PlanFileError(f"{path}: {what}, expected a plan file")
-    if not text_heaps_are_whole(path):
+    if not has_whole_text_heaps(path):
         raise PlanFileError(f"{path}: damaged: its texts are not whole")
     try:
         file = h5py.File(path, "r")
@@ -117,25 +119,25 @@ class Reader:
     not_finite: list[str] = field(default_factory=list)  # seen so far; absurdly large ones too
 
     def refuse(self, what: str) -> PlanFileError:
-        """The error to raise, with the file's name."""
+        """Return the error to raise, with the file's name."""
         return PlanFileError(f"{self.path}: {what}")
 
     def group(self, name: str) -> h5py.Group:
-        """A group that must be there."""
+        """Return a group that must be there."""
         item = self._item(name)
         if not isinstance(item, h5py.Group):
             raise self.refuse(f"{name} is missing (expected a group)")
         return item
 
     def has(self, name: str) -> bool:
-        """Whether a dataset or group is there."""
+        """Return whether a dataset or group is there."""
         return self._item(name) is not None
 
-    def members(self, name: str, most: int = 10_000) -> list[str]:
-        """Full names of the members of a group, in order."""
+    def members(self, name: str, max_members: int = 10_000) -> list[str]:
+        """Return full names of the members of a group, in order."""
         group = self.group(name)
-        if len(group) > most:
-            raise self.refuse(f"{name} has {len(group)} members, expected {most} at most")
+        if len(group) > max_members:
+            raise self.refuse(f"{name} has {len(group)} members, expected {max_members} at most")
         try:
             return [f"{name}/{key}" for key in sorted(group)]
         except _DAMAGE as error:
@@ -144,23 +146,23 @@ class Reader:
     def datasets(
         self, group: str, layouts: Mapping[str, Layout], *, optional: bool = False
     ) -> dict[str, Any]:
-        """All datasets of a declared layout in a group ("" for the file itself), by name.
+        """Return all datasets of a declared layout in a group ("" for the file itself), by name.
 
         Arrays, and tuples of texts. optional: those that are not there are left out.
         Raises PlanFileError as `array` and `texts`.
         """
         if group:
             self.group(group)
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for name, layout in layouts.items():
-            path = _at(group, name)
+            path = _join_path(group, name)
             if not optional or self.has(path):
                 read = self.texts if layout.kind == "text" else self.array
-                found[name] = read(path, layout)
-        return found
+                values[name] = read(path, layout)
+        return values
 
     def array(self, name: str, layout: Layout) -> NDArray[Any]:
-        """A dataset of numbers or booleans.
+        """Return a dataset of numbers or booleans.
 
         Raises PlanFileError if it is missing or of another type or shape.
         """
@@ -178,72 +180,75 @@ class Reader:
         return value
 
     def texts(self, name: str, layout: Layout) -> tuple[str, ...]:
-        """A dataset of texts."""
+        """Return a dataset of texts."""
         dataset = self._dataset(name, layout)
         try:
-            return tuple(_decoded(entry) for entry in dataset[()])
+            return tuple(_decode_text(entry) for entry in dataset[()])
         except (*_DAMAGE, MemoryError) as error:
             raise self.refuse(f"{name} is damaged: {error}") from error
 
     def text(self, holder: str, name: str) -> str:
-        """A text attribute of the group `holder` ("" for the file itself)."""
+        """Return a text attribute of the group `holder` ("" for the file itself)."""
         value = self._attribute(holder, name)
         if not isinstance(value, (str, bytes)):
-            raise self.refuse(f"attribute {_at(holder, name)} is not text")
+            raise self.refuse(f"attribute {_join_path(holder, name)} is not text")
         try:
-            return _decoded(value)
+            return _decode_text(value)
         except UnicodeError as error:
-            raise self.refuse(f"attribute {_at(holder, name)} is not UTF-8 text") from error
+            raise self.refuse(f"attribute {_join_path(holder, name)} is not UTF-8 text") from error
 
     def number(self, holder: str, name: str) -> float:
-        """A number attribute; what is not finite, or absurdly large, is noted."""
+        """Return a number attribute; what is not finite, or absurdly large, is noted."""
         value = self._attribute(holder, name)
         if isinstance(value, np.bool_) or not isinstance(value, (np.number, int, float)):
-            raise self.refuse(f"attribute {_at(holder, name)} is not a number")
+            raise self.refuse(f"attribute {_join_path(holder, name)} is not a number")
         try:
             number = float(value)
         except _DAMAGE as error:
-            raise self.refuse(f"attribute {_at(holder, name)} is not a number") from error
+            raise self.refuse(f"attribute {_join_path(holder, name)} is not a number") from error
         if not abs(number) <= LARGEST_NUMBER:
-            self.not_finite.append(_at(holder, name))
+            self.not_finite.append(_join_path(holder, name))
         return number
 
     def integer(self, holder: str, name: str) -> int:
-        """An integer attribute."""
+        """Return an integer attribute."""
         value = self._attribute(holder, name)
         if isinstance(value, np.bool_) or not isinstance(value, (np.integer, int)):
-            raise self.refuse(f"attribute {_at(holder, name)} is not an integer")
+            raise self.refuse(f"attribute {_join_path(holder, name)} is not an integer")
         return int(value)
 
     def flag(self, holder: str, name: str) -> bool:
-        """A boolean attribute."""
+        """Return a boolean attribute."""
         value = self._attribute(holder, name)
         if not isinstance(value, (np.bool_, bool)):
-            raise self.refuse(f"attribute {_at(holder, name)} is not a boolean")
+            raise self.refuse(f"attribute {_join_path(holder, name)} is not a boolean")
         return bool(value)
 
     def json(self, holder: str, name: str) -> Any:
-        """The value of an attribute that holds JSON text, which can be written as such again.
+        """Return the value of an attribute that holds JSON text, which can be written as such
+        again.
 
         Numbers are finite and of a size that computing with them allows, nesting is shallow.
         """
         try:
             value = json.loads(
                 self.text(holder, name),
-                parse_constant=_refused_number,
-                parse_float=_bounded_float,
-                parse_int=_bounded_int,
+                parse_constant=_reject_number,
+                parse_float=_parse_float,
+                parse_int=_parse_int,
             )
             _require_shallow(value)
             json.dumps(value, ensure_ascii=False).encode()  # halves of surrogates are no text
         except (json.JSONDecodeError, RecursionError) as error:
-            raise self.refuse(f"attribute {_at(holder, name)} is not JSON: {error}") from error
+            raise self.refuse(
+                f"attribute {_join_path(holder, name)} is not JSON: {error}"
+            ) from error
         except ValueError as error:
-            raise self.refuse(f"attribute {_at(holder, name)}: {error}") from error
+            raise self.refuse(f"attribute {_join_path(holder, name)}: {error}") from error
         return value
 
     def mapping(self, name: str, needed: Sequence[str] = ()) -> dict[str, Any]:
-        """A JSON object of the file itself, with the keys that are needed of it."""
+        """Return a JSON object of the file itself, with the keys that are needed of it."""
         value = self.json("", name)
         if not isinstance(value, dict):
             raise self.refuse(f"attribute {name} is not a JSON object")
@@ -252,38 +257,40 @@ class Reader:
         return value
 
     def figures(self, name: str, needed: Sequence[str] = ()) -> dict[str, float]:
-        """A JSON object of numbers, such as the seconds of stages."""
+        """Return a JSON object of numbers, such as the seconds of stages."""
         value = self.mapping(name, needed)
         for key, number in value.items():
             if isinstance(number, bool) or not isinstance(number, int | float):
-                raise self.refuse(f"attribute {name}: {key!r} is {_short(number)}, not a number")
+                raise self.refuse(f"attribute {name}: {key!r} is {_shorten(number)}, not a number")
         return value
 
     def words(self, name: str) -> dict[str, str]:
-        """A JSON object of texts, such as the solvers of stages."""
+        """Return a JSON object of texts, such as the solvers of stages."""
         value = self.mapping(name)
-        for key, word in value.items():
-            if not isinstance(word, str):
-                raise self.refuse(f"attribute {name}: {key!r} is {_short(word)}, not text")
+        for key, text in value.items():
+            if not isinstance(text, str):
+                raise self.refuse(f"attribute {name}: {key!r} is {_shorten(text)}, not text")
         return value
 
     def optional_number(self, name: str) -> float | None:
-        """A number of the file itself, None where there is none."""
+        """Return a number of the file itself, None where there is none."""
         return self.number("", name) if self.has_attribute("", name) else None
 
     def has_attribute(self, holder: str, name: str) -> bool:
-        """Whether an attribute is there."""
+        """Return whether an attribute is there."""
         try:
             return name in self._holder(holder).attrs
         except _DAMAGE as error:
-            raise self.refuse(f"attribute {_at(holder, name)} is damaged: {error}") from error
+            raise self.refuse(
+                f"attribute {_join_path(holder, name)} is damaged: {error}"
+            ) from error
 
     def _holder(self, holder: str) -> h5py.Group:
         return self.group(holder) if holder else self.root
 
     def _attribute(self, holder: str, name: str) -> Any:
         owner = self._holder(holder)
-        where = f"attribute {_at(holder, name)}"
+        where = f"attribute {_join_path(holder, name)}"
         if not self.has_attribute(holder, name):
             raise self.refuse(f"{where} is missing")
         try:
@@ -294,21 +301,21 @@ class Reader:
             raise self.refuse(f"{where} is damaged: {error}") from error
 
     def _item(self, name: str) -> h5py.Group | h5py.Dataset | None:
-        """A member reached through the file's own links only."""
-        here: Any = self.root
+        """Return a member reached through the file's own links only."""
+        member: Any = self.root
         try:
-            for part in name.split("/"):
-                if not isinstance(here, h5py.Group):
+            for segment in name.split("/"):
+                if not isinstance(member, h5py.Group):
                     return None
-                link = here.get(part, getlink=True)
+                link = member.get(segment, getlink=True)
                 if link is None:
                     return None
                 if not isinstance(link, h5py.HardLink):
                     raise self.refuse(f"{name} is a link, expected data in the file itself")
-                here = here[part]
+                member = member[segment]
         except _DAMAGE as error:
             raise self.refuse(f"{name} is damaged: {error}") from error
-        return here
+        return member
 
     def _dataset(self, name: str, layout: Layout) -> h5py.Dataset:
         dataset = self._item(name)
@@ -329,7 +336,7 @@ class Reader:
         if not matches:
             raise self.refuse(f"{name} holds {dtype}, expected {layout.kind}")
         if shape is None:
-            raise self.refuse(f"{name} is empty, expected shape {_shown(layout.shape)}")
+            raise self.refuse(f"{name} is empty, expected shape {_format_shape(layout.shape)}")
         self._bind(name, shape, layout.shape)
         if elsewhere:
             raise self.refuse(f"{name} refers to data outside the file")
@@ -338,7 +345,7 @@ class Reader:
         claimed = math.prod(shape) * dtype.itemsize
         if claimed > LARGEST_DATASET or claimed > _LARGEST_RATIO * stored:
             raise self.refuse(
-                f"{name} claims shape {_shown(shape)}, but the file holds {stored} bytes of it"
+                f"{name} claims shape {_format_shape(shape)}, but the file holds {stored} bytes of it"
             )
         return dataset
 
@@ -347,17 +354,19 @@ class Reader:
         fits = len(shape) == len(expected)
         if fits:
             for size, symbol in zip(shape, expected, strict=True):
-                want = self.dimensions.get(symbol, size) if isinstance(symbol, str) else int(symbol)
-                fits = fits and size == want
+                bound_size = (
+                    self.dimensions.get(symbol, size) if isinstance(symbol, str) else int(symbol)
+                )
+                fits = fits and size == bound_size
         if not fits:
-            known = [
+            bound_dimensions = [
                 f"{symbol} = {self.dimensions[symbol]}"
                 for symbol in expected
                 if isinstance(symbol, str) and symbol in self.dimensions
             ]
-            detail = f" with {', '.join(known)}" if known else ""
+            detail = f" with {', '.join(bound_dimensions)}" if bound_dimensions else ""
             raise self.refuse(
-                f"{name} has shape {_shown(shape)}, expected {_shown(expected)}{detail}"
+                f"{name} has shape {_format_shape(shape)}, expected {_format_shape(expected)}{detail}"
             )
         for size, symbol in zip(shape, expected, strict=True):
             # "*" stands for any length and is never bound.
@@ -365,27 +374,27 @@ class Reader:
                 self.dimensions[symbol] = size
 
 
-def _decoded(entry: str | bytes) -> str:
+def _decode_text(entry: str | bytes) -> str:
     text = entry.decode("utf-8") if isinstance(entry, bytes) else entry
     if len(text) > _LARGEST_TEXT:
         raise ValueError("text too long")
     return text.encode("utf-8").decode("utf-8")  # refuses what was smuggled in as surrogates
 
 
-def _bounded_float(text: str) -> float:
+def _parse_float(text: str) -> float:
     number = float(text)
     if not abs(number) <= LARGEST_NUMBER:
         raise ValueError(f"the number {text[:20]} is out of range")
     return number
 
 
-def _bounded_int(text: str) -> int:
+def _parse_int(text: str) -> int:
     if len(text) > _MOST_DIGITS:
         raise ValueError(f"a number of {len(text)} digits is out of range")
     return int(text)
 
 
-def _refused_number(text: str) -> Any:
+def _reject_number(text: str) -> Any:
     raise ValueError(f"holds {text}, a number that is not finite")
 
 
@@ -398,13 +407,13 @@ def _require_shallow(value: Any, depth: int = 0) -> None:
             _require_shallow(item, depth + 1)
 
 
-def _short(value: object) -> str:
+def _shorten(value: object) -> str:
     return repr(value)[:40]
 
 
-def _at(holder: str, name: str) -> str:
+def _join_path(holder: str, name: str) -> str:
     return f"{holder}/{name}" if holder else name
 
 
-def _shown(shape: Sequence[str | int]) -> str:
+def _format_shape(shape: Sequence[str | int]) -> str:
     return f"({', '.join(str(s) for s in shape)}{',' if len(shape) == 1 else ''})"

@@ -13,7 +13,7 @@ import h5py
 import numpy as np
 from numpy.typing import NDArray
 
-from climbplan.store.atomic_file import written_aside
+from climbplan.store.atomic_file import replace_atomically
 from climbplan.store.hdf5_layout import Layout
 
 _TEXT = h5py.string_dtype("utf-8")
@@ -21,34 +21,34 @@ _TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
 
 
 @contextmanager
-def new_store(path: Path) -> Iterator[h5py.File]:
+def create_store(path: Path) -> Iterator[h5py.File]:
     """A new HDF5 file that takes the place of `path` once it is complete.
 
     Raises UsageError if it cannot be written.
     """
-    with written_aside(path) as aside:
+    with replace_atomically(path) as temporary_path:
         content = BytesIO()
-        with _in_memory(content, "w") as file:
+        with _open_in_memory(content, "w") as file:
             yield file
-        aside.write_bytes(content.getbuffer())
+        temporary_path.write_bytes(content.getbuffer())
 
 
 @contextmanager
-def amended_store(path: Path) -> Iterator[h5py.File]:
+def update_store(path: Path) -> Iterator[h5py.File]:
     """An existing HDF5 file to change; it changes whole or not at all, and keeps its mode.
 
     Raises UsageError if it cannot be written.
     """
-    with written_aside(path) as aside:
+    with replace_atomically(path) as temporary_path:
         content = BytesIO(path.read_bytes())
-        with _in_memory(content, "r+") as file:
+        with _open_in_memory(content, "r+") as file:
             yield file
-        aside.write_bytes(content.getbuffer())
-        aside.chmod(path.stat().st_mode)
+        temporary_path.write_bytes(content.getbuffer())
+        temporary_path.chmod(path.stat().st_mode)
 
 
-def _in_memory(content: BytesIO, mode: str) -> h5py.File:
-    """A file that HDF5 keeps in `content`.
+def _open_in_memory(content: BytesIO, mode: str) -> h5py.File:
+    """Return a file that HDF5 keeps in `content`.
 
     Where a disk is full at the moment at which it closes a file, HDF5 crashes: it is never given
     one to write to.

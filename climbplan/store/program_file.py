@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_datasets
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_datasets
 from climbplan.store.program_plan import (
     Layouts,
     ParameterBlock,
@@ -55,7 +55,7 @@ _NAN_WITHOUT_ANSWER = ("x", "objective", "gap")
 def write_program(plan: ProgramPlan, path: Path) -> None:
     """Write answers; the file appears whole or not at all. Raises UsageError if it cannot."""
     fields = vars(plan)
-    with new_store(path) as file:
+    with create_store(path) as file:
         write_root(
             file,
             plan,
@@ -79,12 +79,12 @@ def write_program(plan: ProgramPlan, path: Path) -> None:
 
 
 def read_program(path: Path) -> ProgramPlan:
-    """The answers in a file, as they were written; nothing in it is ever run.
+    """Return the answers in a file, as they were written; nothing in it is ever run.
 
     Raises PlanFileError for another format, missing or misshapen data, and for NaN in a row that
     claims an answer.
     """
-    with opened_store(path) as file:
+    with open_store(path) as file:
         return _read(Reader(path, file))
 
 
@@ -93,20 +93,22 @@ def _read(reader: Reader) -> ProgramPlan:
     arrays: dict[str, Any] = reader.datasets("", _ARRAYS)
     bounds = reader.datasets("", _BOUNDS)
     texts: dict[str, Any] = reader.datasets("", _TEXTS)
-    found = arrays["found"]
+    has_answer = arrays["found"]
     for name in reader.not_finite:
         bad = np.isnan(arrays[name]) if name in arrays else np.array([True])
         rows = bad.reshape(len(bad), -1).any(axis=1)
-        if name not in _NAN_WITHOUT_ANSWER or (rows & found).any():
+        if name not in _NAN_WITHOUT_ANSWER or (rows & has_answer).any():
             raise reader.refuse(f"NaN in {name}")
     foreign = sorted(set(texts["status"]) - set(STATUSES))
     if foreign:
         raise reader.refuse(f"status {foreign[0]!r}, expected one of {', '.join(STATUSES)}")
     answered = np.isin(texts["status"], ("optimal", "feasible"))
-    if (answered != found).any():
-        row = int(np.flatnonzero(answered != found)[0])
+    if (answered != has_answer).any():
+        row = int(np.flatnonzero(answered != has_answer)[0])
         raise reader.refuse(f"row {row}: status {texts['status'][row]!r} and `found` disagree")
-    layouts = Layouts(_parameters(reader), _variables(reader), bounds["lower"], bounds["upper"])
+    layouts = Layouts(
+        _read_parameters(reader), _read_variables(reader), bounds["lower"], bounds["upper"]
+    )
     return ProgramPlan(
         **read_root(reader),
         problem=reader.text("", "problem"),
@@ -117,11 +119,11 @@ def _read(reader: Reader) -> ProgramPlan:
         timings=reader.figures("timings"),
         solvers=reader.figures("solvers"),
         sizes=reader.mapping("sizes"),
-        stored_totals=_totals(reader),
+        stored_totals=_read_totals(reader),
     )
 
 
-def _totals(reader: Reader) -> ProgramTotals:
+def _read_totals(reader: Reader) -> ProgramTotals:
     numbers = {
         name: reader.number("", name) if reader.has_attribute("", name) else None
         for name in _OPTIONAL
@@ -129,35 +131,37 @@ def _totals(reader: Reader) -> ProgramTotals:
     return ProgramTotals(reader.text("", "status"), **numbers)
 
 
-def marked(plan: ProgramPlan, verified: bool) -> ProgramPlan:
-    """The plan with the outcome of its verification."""
+def mark_program(plan: ProgramPlan, verified: bool) -> ProgramPlan:
+    """Return the plan with the outcome of its verification."""
     return replace(plan, verified=verified)
 
 
-def _parameters(reader: Reader) -> tuple[ParameterBlock, ...]:
+def _read_parameters(reader: Reader) -> tuple[ParameterBlock, ...]:
     blocks = [
-        ParameterBlock(_field(reader, entry, "name", str), _shape(reader, entry))
-        for entry in _entries(reader, "parameter_blocks")
+        ParameterBlock(_read_field(reader, entry, "name", str), _read_shape(reader, entry))
+        for entry in _read_entries(reader, "parameter_blocks")
     ]
     _require_columns(reader, "p", sum(math.prod(b.shape) for b in blocks))
     return tuple(blocks)
 
 
-def _variables(reader: Reader) -> tuple[VariableBlock, ...]:
-    blocks, at = [], 0
-    for entry in _entries(reader, "variable_blocks"):
+def _read_variables(reader: Reader) -> tuple[VariableBlock, ...]:
+    blocks, next_column = [], 0
+    for entry in _read_entries(reader, "variable_blocks"):
         block = VariableBlock(
-            _field(reader, entry, "name", str),
-            _shape(reader, entry),
-            _field(reader, entry, "start", int),
-            _field(reader, entry, "unit", str),
-            _field(reader, entry, "integer", bool),
+            _read_field(reader, entry, "name", str),
+            _read_shape(reader, entry),
+            _read_field(reader, entry, "start", int),
+            _read_field(reader, entry, "unit", str),
+            _read_field(reader, entry, "integer", bool),
         )
-        if block.start != at:
-            raise reader.refuse(f"variable block {block.name!r} does not start at column {at}")
-        at = block.stop
+        if block.start != next_column:
+            raise reader.refuse(
+                f"variable block {block.name!r} does not start at column {next_column}"
+            )
+        next_column = block.stop
         blocks.append(block)
-    _require_columns(reader, "N", at)
+    _require_columns(reader, "N", next_column)
     return tuple(blocks)
 
 
@@ -166,21 +170,21 @@ def _require_columns(reader: Reader, dimension: str, count: int) -> None:
         raise reader.refuse(f"{reader.dimensions[dimension]} columns, its blocks have {count}")
 
 
-def _entries(reader: Reader, name: str) -> list[dict[str, Any]]:
+def _read_entries(reader: Reader, name: str) -> list[dict[str, Any]]:
     value = reader.json("", name)
     if not isinstance(value, list) or not all(isinstance(entry, dict) for entry in value):
         raise reader.refuse(f"attribute {name} is not a list of blocks")
     return value
 
 
-def _field(reader: Reader, entry: dict[str, Any], key: str, kind: type[Any]) -> Any:
+def _read_field(reader: Reader, entry: dict[str, Any], key: str, kind: type[Any]) -> Any:
     value = entry.get(key)
     if not isinstance(value, kind):
         raise reader.refuse(f"a block's {key!r} is {value!r}, expected {kind.__name__}")
     return value
 
 
-def _shape(reader: Reader, entry: dict[str, Any]) -> tuple[int, ...]:
+def _read_shape(reader: Reader, entry: dict[str, Any]) -> tuple[int, ...]:
     shape = entry.get("shape")
     if not isinstance(shape, list) or not all(type(k) is int and 0 <= k < 2**31 for k in shape):
         raise reader.refuse(f"a block's shape is {shape!r}, expected whole numbers")

@@ -47,7 +47,7 @@ class Layouts:
 
     @classmethod
     def of(cls, program: Program) -> Layouts:
-        """The columns of a statement."""
+        """Return the columns of a statement."""
         variables = program.variables.values()
         return cls(
             tuple(ParameterBlock(name, shape) for name, shape in program.parameters.items()),
@@ -56,9 +56,9 @@ class Layouts:
             np.concatenate([np.zeros(0), *(v.upper.ravel() for v in variables)]),
         )
 
-    def same_columns(self, other: Layouts) -> bool:
-        """Whether names, shapes and kinds agree."""
-        return self.parameters == other.parameters and self.variables == other.variables
+    def same_columns(self, layouts: Layouts) -> bool:
+        """Return whether names, shapes and kinds agree."""
+        return self.parameters == layouts.parameters and self.variables == layouts.variables
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class ProgramPlan(PlanHeader):
     @property
     def overall(self) -> str:
         """The status of all rows together: optimal only if all are, infeasible likewise."""
-        return overall_status(self.status)
+        return combine_statuses(self.status)
 
     @property
     def total(self) -> float | None:
@@ -124,8 +124,8 @@ class ProgramPlan(PlanHeader):
         return ProgramTotals(self.overall, total, bound, gap)
 
 
-def overall_status(rows: Sequence[str]) -> str:
-    """One status for several instances."""
+def combine_statuses(rows: Sequence[str]) -> str:
+    """Return one status for several instances."""
     kinds = set(rows)
     if len(kinds) == 1:
         return next(iter(kinds))

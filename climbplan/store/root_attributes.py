@@ -55,7 +55,7 @@ class PlanHeader(Origin):
 
 def write_root(
     file: h5py.File,
-    made: Origin,
+    origin: Origin,
     form: str,
     version: int,
     *,
@@ -70,17 +70,17 @@ def write_root(
     """
     shared = {
         "format": form,
-        "climbplan_version": made.climbplan_version or climbplan.__version__,
-        "created": made.created or datetime.now(UTC).isoformat(timespec="seconds"),
-        "name": made.name,
-        "spec": made.spec_text,
-        "spec_sha256": made.spec_sha256,
+        "climbplan_version": origin.climbplan_version or climbplan.__version__,
+        "created": origin.created or datetime.now(UTC).isoformat(timespec="seconds"),
+        "name": origin.name,
+        "spec": origin.spec_text,
+        "spec_sha256": origin.spec_sha256,
     }
     for name, text in {**shared, **texts}.items():
         write_text(file, name, text)
     file.attrs["format_version"] = version
-    file.attrs["seed"] = made.seed
-    file.attrs["verified"] = np.bool_(made.verified)
+    file.attrs["seed"] = origin.seed
+    file.attrs["verified"] = np.bool_(origin.verified)
     for name, number in numbers.items():
         if number is not None:
             file.attrs[name] = float(number)
@@ -99,16 +99,22 @@ def write_header(
     objects: Mapping[str, Any] | None = None,
 ) -> None:
     """As `write_root`, and what is in all plans besides."""
-    made = {name: dict(vars(plan)[name]) for name in ("timings", "solvers", "sizes")}
+    run_facts = {name: dict(vars(plan)[name]) for name in ("timings", "solvers", "sizes")}
     write_root(
-        file, plan, form, version, texts=texts, numbers=numbers, objects=made | dict(objects or {})
+        file,
+        plan,
+        form,
+        version,
+        texts=texts,
+        numbers=numbers,
+        objects=run_facts | dict(objects or {}),
     )
     for name in ("warnings", "summary"):
         write_dataset(file, name, vars(plan)[name], _WORDS)
 
 
 def read_root(reader: Reader) -> dict[str, Any]:
-    """The fields of `Origin`, by name."""
+    """Return the fields of `Origin`, by name."""
     return {
         "name": reader.text("", "name"),
         "spec_text": reader.text("", "spec"),
@@ -123,7 +129,7 @@ def read_root(reader: Reader) -> dict[str, Any]:
 def read_header(
     reader: Reader, timings: Sequence[str] = (), sizes: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """The fields of `PlanHeader`, by name; timings, sizes: entries that have to be there.
+    """Return the fields of `PlanHeader`, by name; timings, sizes: entries that have to be there.
 
     To be read last: what of the whole file is not finite is among them.
     """
@@ -138,11 +144,11 @@ def read_header(
     }
 
 
-def read_status(reader: Reader, known: Sequence[str]) -> str:
-    """The status of a plan; raises PlanFileError for one that its kind does not have."""
+def read_status(reader: Reader, allowed: Sequence[str]) -> str:
+    """Return the status of a plan; raises PlanFileError for one that its kind does not have."""
     status = reader.text("", "status")
-    if status not in known:
-        raise reader.refuse(f"status {status!r}, expected one of {', '.join(known)}")
+    if status not in allowed:
+        raise reader.refuse(f"status {status!r}, expected one of {', '.join(allowed)}")
     return status
 
 
@@ -160,10 +166,10 @@ def require_plan(reader: Reader, version: int, *formats: str) -> None:
     """Raise PlanFileError unless the file is a plan of one of these formats and this version."""
     if not reader.has_attribute("", "format"):
         raise reader.refuse("HDF5, but not a climbplan file (no attribute `format`)")
-    found = reader.text("", "format")
-    if found not in formats:
+    stored_format = reader.text("", "format")
+    if stored_format not in formats:
         expected = " or ".join(repr(form) for form in formats)
-        raise reader.refuse(f"holds {found!r}, expected {expected}")
+        raise reader.refuse(f"holds {stored_format!r}, expected {expected}")
     _require_version(reader, version)
 
 
@@ -175,7 +181,7 @@ def require_other(reader: Reader, version: int, form: str, what: str) -> None:
 
 
 def _require_version(reader: Reader, version: int) -> None:
-    found = reader.integer("", "format_version")
-    if found != version:
-        newer = "; a newer climbplan reads it" if found > version else ""
-        raise reader.refuse(f"format version {found}, expected {version}{newer}")
+    stored_version = reader.integer("", "format_version")
+    if stored_version != version:
+        newer = "; a newer climbplan reads it" if stored_version > version else ""
+        raise reader.refuse(f"format version {stored_version}, expected {version}{newer}")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_reading import Reader, open_store
 
 
-def stored_spec_text(path: Path) -> str:
-    """Root attribute `spec`; raises PlanFileError where there is none."""
-    with opened_store(path) as file:
+def read_spec_text(path: Path) -> str:
+    """Return root attribute `spec`; raises PlanFileError where there is none."""
+    with open_store(path) as file:
         return Reader(path, file).text("", "spec")

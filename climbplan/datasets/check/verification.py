@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.bookshelf.check.plan_checks import solution_checks
+from climbplan.bookshelf.check.plan_checks import check_solutions
 from climbplan.bookshelf.plan import dataset_frame as shelf
 from climbplan.bookshelf.schema.model import ShelfSolverSpec
 from climbplan.climb.envelopes import dataset_rows as terrains
@@ -29,7 +29,7 @@ from climbplan.schema.yaml_source import parse_yaml
 from climbplan.store.dataset import Dataset
 from climbplan.store.dataset_file import read_dataset_file
 from climbplan.verification.check import Check, LeftOut
-from climbplan.verification.held import held_against
+from climbplan.verification.held import describe_reference
 from climbplan.verification.verification import Verification, mark_verified
 from climbplan.walking.check.checker import check_trajectory
 from climbplan.walking.dynamics.cost import compute_objective
@@ -61,17 +61,17 @@ def verify(path: Path, problem: Problem | None = None) -> Verification:
         PlanFileError: not a whole dataset.
         UsageError: another problem than the dataset's.
     """
-    return verification_of(read_dataset_file(path), path, problem)
+    return verify_dataset(read_dataset_file(path), path, problem)
 
 
-def verification_of(data: Dataset, path: Path, problem: Problem | None = None) -> Verification:
+def verify_dataset(data: Dataset, path: Path, problem: Problem | None = None) -> Verification:
     """As `verify`, for a dataset that was read already."""
     # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
     with np.errstate(all="ignore"):
-        checks = (*_file_checks(data), *_row_checks(data, path, problem))
-    alone = data.frame.kind == programs.KIND and problem is None
-    beyond = (_NO_BLOCKS,) if alone else ()
-    return Verification(checks, beyond=beyond, against=held_against(data, None))
+        checks = (*_check_file(data), *_check_rows(data, path, problem))
+    is_file_alone = data.frame.kind == programs.KIND and problem is None
+    beyond = (_NO_BLOCKS,) if is_file_alone else ()
+    return Verification(checks, beyond=beyond, against=describe_reference(data, None))
 
 
 def verify_and_mark(path: Path, problem: Problem | None = None) -> Verification:
@@ -81,110 +81,118 @@ def verify_and_mark(path: Path, problem: Problem | None = None) -> Verification:
     return verification
 
 
-def _file_checks(data: Dataset) -> Iterator[Check]:
+def _check_file(data: Dataset) -> Iterator[Check]:
     digest = hashlib.sha256(data.spec_text.encode()).hexdigest()
-    yield _count("file.spec_hash", int(digest != data.spec_sha256))
+    yield _check_count("file.spec_hash", int(digest != data.spec_sha256))
     hashes = np.array(data.hashes())
     if data.train is not None and data.test is not None:
         shared = np.isin(hashes[data.train], hashes[data.test])
-        yield _count("split.shared", int(shared.sum()))
+        yield _check_count("split.shared", int(shared.sum()))
     drawn = data.drawn
     pairs = {(int(s), h) for s, h in zip(data.seed[drawn], hashes[drawn], strict=True)}
     seeds = {int(s) for s in data.seed[drawn]}
-    yield _count("rows.seeds", len(pairs) - len(seeds))
+    yield _check_count("rows.seeds", len(pairs) - len(seeds))
     over = (data.bound - data.objective) / np.maximum(1.0, np.abs(data.objective))
-    yield _worst("rows.bound", np.where(data.feasible, over, 0.0), _RELATIVE, "relative")
+    yield _check_worst("rows.bound", np.where(data.feasible, over, 0.0), _RELATIVE, "relative")
 
 
-def _row_checks(data: Dataset, path: Path, problem: Problem | None) -> Iterator[Check]:
+def _check_rows(data: Dataset, path: Path, problem: Problem | None) -> Iterator[Check]:
     if data.frame.kind == shelf.KIND:
-        yield from _shelf_checks(data, path)
+        yield from _check_shelves(data, path)
     elif data.frame.kind == programs.KIND:
         if problem is not None:
-            yield from _program_checks(data, problem)
+            yield from _check_program(data, problem)
     elif data.frame.kind == terrains.KIND:
-        yield from _terrain_checks(data, path)
+        yield from _check_terrains(data, path)
     elif data.frame.kind == walks.KIND:
-        yield from _walk_checks(data, path)
+        yield from _check_walks(data, path)
     else:
         raise PlanFileError(f"{path}: rows of an unknown kind, {data.frame.kind!r}")
 
 
-def _shelf_checks(data: Dataset, path: Path) -> Iterator[Check]:
+def _check_shelves(data: Dataset, path: Path) -> Iterator[Check]:
     try:
-        found = shelf.shelf_dataset(data)
+        shelf_data = shelf.read_shelf_dataset(data)
     except UsageError as error:
         raise PlanFileError(f"{path}: {error}") from error
-    rows, solutions = found.rows, found.plan.solutions
-    yield _count("rows.answers", int(data.feasible.sum()) - int(solutions.placed.sum()))
+    rows, solutions = shelf_data.rows, shelf_data.plan.solutions
+    yield _check_count("rows.answers", int(data.feasible.sum()) - int(solutions.placed.sum()))
     expected = np.column_stack([solutions.state, solutions.slot])
-    off = np.abs(data.integers[rows] - expected).max(axis=1).astype(float)
-    yield _worst("rows.integers", np.where(data.feasible[rows], off, 0.0), 0.0)
-    yield from solution_checks(found.plan, _shelf_solver(data))
+    deviation = np.abs(data.integers[rows] - expected).max(axis=1).astype(float)
+    yield _check_worst("rows.integers", np.where(data.feasible[rows], deviation, 0.0), 0.0)
+    yield from check_solutions(shelf_data.plan, _read_shelf_solver(data))
 
 
-def _shelf_solver(data: Dataset) -> ShelfSolverSpec | None:
-    """The gaps that the spec asked for; None if its text is not that of such a spec."""
-    spec = _spec(data, ShelfDatasetSpec)
+def _read_shelf_solver(data: Dataset) -> ShelfSolverSpec | None:
+    """Return the gaps that the spec asked for; None if its text is not that of such a spec."""
+    spec = _parse_spec(data, ShelfDatasetSpec)
     return None if spec is None else spec.problem.solver
 
 
-def _spec(data: Dataset, model: type[Model]) -> Model | None:
+def _parse_spec(data: Dataset, model: type[Model]) -> Model | None:
     try:
         return validate(parse_yaml(data.spec_text, "spec"), model)[0]
     except SpecError:
         return None
 
 
-def _program_checks(data: Dataset, problem: Problem) -> Iterator[Check]:
+def _check_program(data: Dataset, problem: Problem) -> Iterator[Check]:
     if data.frame != programs.build_frame(problem):
         raise UsageError(
             f"problem {problem.name!r} does not have the variables and parameters of the dataset "
             f"(made for {data.frame.problem!r})"
         )
-    spec = _spec(data, ProgramDatasetSpec)
+    spec = _parse_spec(data, ProgramDatasetSpec)
     tolerance = (spec.problem.solver if spec is not None else ProgramSolverSpec()).tolerance
     rows = np.flatnonzero(data.feasible)
     integer = programs.mask_integer_variables(problem)
-    worst, off, apart = np.zeros(len(rows)), np.zeros(len(rows)), np.zeros(len(rows))
+    worst, deviation, integer_deviation = (
+        np.zeros(len(rows)),
+        np.zeros(len(rows)),
+        np.zeros(len(rows)),
+    )
     for k, row in enumerate(rows):
         x, chosen = data.solution["x"][row], data.solution["assignment"][row]
         report = problem.program.check(x, problem.split(data.parameters[row]), chosen)
         worst[k] = max((block.residual for block in report.blocks), default=0.0)
-        off[k] = abs(report.objective - data.objective[row]) / max(1.0, abs(data.objective[row]))
+        deviation[k] = abs(report.objective - data.objective[row]) / max(
+            1.0, abs(data.objective[row])
+        )
         stored = np.concatenate([np.round(x[integer]), chosen])
-        apart[k] = float(np.abs(stored - data.integers[row]).max(initial=0.0))
-    yield _worst("rows.integers", apart, 0.0, rows=rows)
-    yield _worst("block.residual", worst, tolerance, rows=rows)
-    yield _worst("objective", off, _RELATIVE, "relative", rows=rows)
+        integer_deviation[k] = float(np.abs(stored - data.integers[row]).max(initial=0.0))
+    yield _check_worst("rows.integers", integer_deviation, 0.0, rows=rows)
+    yield _check_worst("block.residual", worst, tolerance, rows=rows)
+    yield _check_worst("objective", deviation, _RELATIVE, "relative", rows=rows)
 
 
-def _walk_checks(data: Dataset, path: Path) -> Iterator[Check]:
-    """Every walk by the exact check: the margin of the worst of its checks."""
+def _check_walks(data: Dataset, path: Path) -> Iterator[Check]:
+    """Yield every walk by the exact check: the margin of the worst of its checks."""
     task = walks.read_frame_task(data.frame, path)
     rows = np.flatnonzero(data.feasible)
-    worst, off, apart, features = (np.zeros(len(rows)) for _ in range(4))
+    worst, deviation, integer_deviation, features = (np.zeros(len(rows)) for _ in range(4))
     lacks: dict[str, LeftOut] = {}
     for k, row in enumerate(rows):
-        own, found = walks.read_walk(task, data, int(row))
-        checks = check_trajectory(own, found)
+        row_task, walk = walks.read_walk(task, data, int(row))
+        checks = check_trajectory(row_task, walk)
         worst[k] = max(float(not check.passed) for check in checks)
         lacks |= {out.model: out for check in checks if (out := check.left_out) is not None}
-        cost = compute_objective(own, found.state, found.force)
-        off[k] = abs(cost - data.objective[row]) / max(1.0, abs(cost))
-        contact = found.gait.contact[:-1].astype(np.int64).ravel()
-        apart[k] = float(np.abs(contact - data.integers[row]).max())
-        made = cut_sections(own, found, 0).features
-        features[k] = float(np.abs(made - data.solution["section_features"][row]).max())
+        cost = compute_objective(row_task, walk.state, walk.force)
+        deviation[k] = abs(cost - data.objective[row]) / max(1.0, abs(cost))
+        contact = walk.gait.contact[:-1].astype(np.int64).ravel()
+        integer_deviation[k] = float(np.abs(contact - data.integers[row]).max())
+        recomputed_features = cut_sections(row_task, walk, 0).features
+        features[k] = float(
+            np.abs(recomputed_features - data.solution["section_features"][row]).max()
+        )
     left = LeftOut(", ".join(lacks), "walks that hold in their model only") if lacks else None
-    yield replace(_worst("rows.walks", worst, 0.0, rows=rows), left_out=left)
-    yield _worst("rows.integers", apart, 0.0, rows=rows)
-    yield _worst("rows.sections", features, _RELATIVE, rows=rows)
-    yield _worst("objective", off, _RELATIVE, "relative", rows=rows)
+    yield replace(_check_worst("rows.walks", worst, 0.0, rows=rows), left_out=left)
+    yield _check_worst("rows.integers", integer_deviation, 0.0, rows=rows)
+    yield _check_worst("rows.sections", features, _RELATIVE, rows=rows)
+    yield _check_worst("objective", deviation, _RELATIVE, "relative", rows=rows)
 
 
-def _terrain_checks(data: Dataset, path: Path) -> Iterator[Check]:
-    statement = terrains.statement_of(data.frame, path)
+def _check_terrains(data: Dataset, path: Path) -> Iterator[Check]:
+    statement = terrains.build_statement(data.frame, path)
     feasible = np.flatnonzero(data.feasible)
     infeasible = np.array([k for k, word in enumerate(data.status) if word == "infeasible"], int)
     residual, linear = np.zeros(len(feasible)), np.zeros(len(infeasible))
@@ -192,37 +200,41 @@ def _terrain_checks(data: Dataset, path: Path) -> Iterator[Check]:
     for k, row in enumerate(feasible):
         patches = Patches.from_vector(data.parameters[row])
         instance = statement.program.instantiate(statement.theta(patches))
-        residual[k] = instance.violation(terrains.point_of(statement, data, int(row)))
+        residual[k] = instance.violation(terrains.read_point(statement, data, int(row)))
     for k, row in enumerate(infeasible):
         patches = Patches.from_vector(data.parameters[row])
         instance = statement.program.instantiate(statement.theta(patches))
-        x = terrains.point_of(statement, data, row)
-        linear[k] = terrains.linear_violation(instance, x)
+        x = terrains.read_point(statement, data, row)
+        linear[k] = terrains.compute_linear_violation(instance, x)
         nodes = int(data.solution["nodes"][row])
         answer = find_posture(statement, patches, nodes=max(nodes, 1))
         proved += answer.status == "infeasible"
-    yield _worst("block.residual", residual, TOLERANCE, rows=feasible)
-    yield _worst("objective", np.abs(data.objective[feasible]), 0.0, rows=feasible)
-    yield _worst("rows.linear", linear, TOLERANCE, rows=infeasible)
-    yield _count("rows.proof", len(infeasible) - proved)
+    yield _check_worst("block.residual", residual, TOLERANCE, rows=feasible)
+    yield _check_worst("objective", np.abs(data.objective[feasible]), 0.0, rows=feasible)
+    yield _check_worst("rows.linear", linear, TOLERANCE, rows=infeasible)
+    yield _check_count("rows.proof", len(infeasible) - proved)
 
 
-def _count(name: str, faults: int) -> Check:
+def _check_count(name: str, faults: int) -> Check:
     return Check(name, float(faults), 0.0, "", faults == 0, "", "", 0.0)
 
 
-def _worst(
+def _check_worst(
     name: str,
     residual: np.ndarray,
     limit: float,
     unit: str = "",
     rows: np.ndarray | None = None,
 ) -> Check:
-    """The largest residual over rows; nothing to check passes."""
+    """Return the largest residual over rows; nothing to check passes."""
     if residual.size == 0:
         return Check(name, 0.0, limit, unit, True, "", "", 0.0)
-    at = int(np.argmax(np.where(np.isnan(residual), np.inf, residual)))
-    value = max(float(residual[at]), 0.0) if residual[at] == residual[at] else float("nan")
+    worst_row = int(np.argmax(np.where(np.isnan(residual), np.inf, residual)))
+    value = (
+        max(float(residual[worst_row]), 0.0)
+        if residual[worst_row] == residual[worst_row]
+        else float("nan")
+    )
     passed = bool(value <= limit)
-    place = f"row {at if rows is None else rows[at]}" if value != 0 else ""
+    place = f"row {worst_row if rows is None else rows[worst_row]}" if value != 0 else ""
     return Check(name, value, limit, unit, passed, "", place, value / limit if limit else 0.0)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.errors import MissingSolver
-from climbplan.store.atomic_file import written_aside
+from climbplan.store.atomic_file import replace_atomically
 from climbplan.store.csv_file import write_csv
 from climbplan.store.dataset import Dataset
 from climbplan.store.dataset_file import read_dataset_file
@@ -18,8 +18,8 @@ from climbplan.store.dataset_file import read_dataset_file
 FORMATS = ("csv", "parquet")
 
 
-def columns(data: Dataset) -> dict[str, NDArray[Any]]:
-    """Every column (n,) by name: parameters, outcome, integers, then the solution's numbers."""
+def build_columns(data: Dataset) -> dict[str, NDArray[Any]]:
+    """Return every column (n,) by name: parameters, outcome, integers, then the solution's numbers."""
     table: dict[str, NDArray[Any]] = {"row": data.row, "seed": data.seed}
     for name, values in zip(data.frame.parameter_names, data.parameters.T, strict=True):
         table[f"parameters.{name}"] = values
@@ -53,8 +53,8 @@ def write_table(data: Dataset, out: Path | TextIO) -> None:
 
     Raises UsageError where it cannot be written.
     """
-    table = columns(data)
-    write_csv(out, table, _lines(list(table.values())))
+    table = build_columns(data)
+    write_csv(out, table, _iterate_lines(list(table.values())))
 
 
 def export_parquet(data: Dataset, path: Path) -> None:
@@ -70,29 +70,29 @@ def export_parquet(data: Dataset, path: Path) -> None:
             "Parquet needs pyarrow, which is not installed: pip install 'climbplan[data]' "
             "(or export CSV)"
         ) from error
-    named = columns(data)
+    columns_by_name = build_columns(data)
     arrays = [
         arrow.array(values.tolist(), arrow.string())
         if values.dtype == object
         else arrow.array(values)
-        for values in named.values()
+        for values in columns_by_name.values()
     ]
     fields = [
-        arrow.field(name, array.type, metadata={"units": _unit(data, name)})
-        for name, array in zip(named, arrays, strict=True)
+        arrow.field(name, array.type, metadata={"units": _select_unit(data, name)})
+        for name, array in zip(columns_by_name, arrays, strict=True)
     ]
     about = {"problem": data.frame.problem, "spec": data.spec_text, "name": data.name}
     table = arrow.Table.from_arrays(arrays, schema=arrow.schema(fields, metadata=about))
-    with written_aside(path) as aside:
-        parquet.write_table(table, aside)
+    with replace_atomically(path) as temporary_path:
+        parquet.write_table(table, temporary_path)
 
 
-def _lines(values: list[NDArray[Any]]) -> Iterator[list[str]]:
+def _iterate_lines(values: list[NDArray[Any]]) -> Iterator[list[str]]:
     for k in range(len(values[0])):
-        yield [_cell(column[k]) for column in values]
+        yield [_format_cell(column[k]) for column in values]
 
 
-def _cell(value: Any) -> str:
+def _format_cell(value: Any) -> str:
     if isinstance(value, float | np.floating):
         return "" if np.isnan(value) else repr(float(value))
     if isinstance(value, bool | np.bool_):
@@ -100,7 +100,7 @@ def _cell(value: Any) -> str:
     return str(value)
 
 
-def _unit(data: Dataset, column: str) -> str:
+def _select_unit(data: Dataset, column: str) -> str:
     if column in ("objective", "bound"):
         return data.frame.objective_unit
     return "s" if column == "time" else ""

@@ -13,30 +13,30 @@ from climbplan.bookshelf.check.plan_checks import LIMITS
 from climbplan.bookshelf.check.plan_checks import MEANINGS as PLACEMENTS
 from climbplan.bookshelf.plan.dataset_frame import KIND
 from climbplan.bookshelf.plan.summary import TRIVIAL
-from climbplan.datasets.check.verification import MEANINGS, verification_of
-from climbplan.datasets.pages.figures import figure_functions
+from climbplan.datasets.check.verification import MEANINGS, verify_dataset
+from climbplan.datasets.pages.figures import select_figures
 from climbplan.reports.page_parts import Card, Rows, Table
 from climbplan.reports.page_template import (
     fill,
-    origin_rows,
-    report_fields,
-    run_fields,
-    verification_fields,
+    build_origin_rows,
+    build_report_fields,
+    build_run_fields,
+    build_verification_fields,
 )
-from climbplan.reports.report_files import finite, write_files
+from climbplan.reports.report_files import replace_non_finite, write_files
 from climbplan.reports.report_files import write_values as write_report_values
-from climbplan.reports.sheet import png
+from climbplan.reports.sheet import render_png
 from climbplan.store.dataset import Dataset
 from climbplan.store.dataset_file import FORMAT, FORMAT_VERSION, read_dataset_file
-from climbplan.store.dataset_statistics import statistics
+from climbplan.store.dataset_statistics import compute_statistics
 from climbplan.verification.verification import Verification
 
 _LISTED = 40  # rows without an answer, and the costliest
 _ORIGIN = ("Problem", "Parameters", "Integers")
 
 
-def report_values(data: Dataset, verification: Verification) -> dict[str, Any]:
-    """JSON-ready values: the root attributes of the file, the checks, and the figures."""
+def build_report_values(data: Dataset, verification: Verification) -> dict[str, Any]:
+    """Return JSON-ready values: the root attributes of the file, the checks, and the figures."""
     report = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -56,9 +56,11 @@ def report_values(data: Dataset, verification: Verification) -> dict[str, Any]:
         "timings": dict(data.timings),
         "solvers": dict(data.solvers),
         "verification": [check.as_dict() for check in verification.checks],
-        **statistics(data),
-        "without_answer": [_row(data, int(k)) for k in np.flatnonzero(~data.feasible)[:_LISTED]],
-        "costliest": [_row(data, k) for k in _costliest(data)],
+        **compute_statistics(data),
+        "without_answer": [
+            _build_row(data, int(k)) for k in np.flatnonzero(~data.feasible)[:_LISTED]
+        ],
+        "costliest": [_build_row(data, k) for k in _select_costliest(data)],
         "trivial": TRIVIAL if data.frame.kind == KIND else None,
         "units": {
             "cost.*": data.frame.objective_unit,
@@ -70,14 +72,14 @@ def report_values(data: Dataset, verification: Verification) -> dict[str, Any]:
             "without_answer.*.time": "s",
         },
     }
-    whole: dict[str, Any] = finite(report)
+    whole: dict[str, Any] = replace_non_finite(report)
     return whole
 
 
-def report_dict(path: Path) -> dict[str, Any]:
-    """The report of a dataset's file as plain values, the verification made anew."""
+def build_report(path: Path) -> dict[str, Any]:
+    """Return the report of a dataset's file as plain values, the verification made anew."""
     data = read_dataset_file(path)
-    return report_values(data, verification_of(data, path))
+    return build_report_values(data, verify_dataset(data, path))
 
 
 def write_report(path: Path, directory: Path, verification: Verification | None = None) -> None:
@@ -87,28 +89,32 @@ def write_report(path: Path, directory: Path, verification: Verification | None 
     and UsageError where the directory cannot be written to.
     """
     data = read_dataset_file(path)
-    report = report_values(data, verification or verification_of(data, path))
-    images = {name: png(draw()) for name, draw in figure_functions(data).items()}
+    report = build_report_values(data, verification or verify_dataset(data, path))
+    images = {name: render_png(draw()) for name, draw in select_figures(data).items()}
     report["figures"] = [f"figures/{name}.png" for name in images]
-    write_files(directory, report, _page(report, images), images)
+    write_files(directory, report, _build_page(report, images), images)
 
 
 def write_values(path: Path, directory: Path, verification: Verification | None = None) -> None:
     """As `write_report`, but report.json alone: no page, no figures."""
     data = read_dataset_file(path)
-    report = report_values(data, verification or verification_of(data, path))
+    report = build_report_values(data, verification or verify_dataset(data, path))
     write_report_values(directory, {**report, "figures": []})
 
 
-def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
-    known = {**{name: limit.meaning for name, limit in LIMITS.items()}, **PLACEMENTS, **MEANINGS}
-    origin = origin_rows(report, {name: report[name.lower()] for name in _ORIGIN})
+def _build_page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    meanings = {**{name: limit.meaning for name, limit in LIMITS.items()}, **PLACEMENTS, **MEANINGS}
+    origin = build_origin_rows(report, {name: report[name.lower()] for name in _ORIGIN})
     unit = report["units"]["cost.*"]
     head = ("Row", "Status", f"Cost{f' [{unit}]' if unit else ''}", "Time [ms]", "Remark")
-    least = report["trivial"]
-    costly = [row for row in report["costliest"] if least is None or row["objective"] > least]
-    listed = [*report["without_answer"], *costly]
-    above = "" if least is None else f" above {least:g} {unit}"
+    trivial_cost = report["trivial"]
+    costly = [
+        row
+        for row in report["costliest"]
+        if trivial_cost is None or row["objective"] > trivial_cost
+    ]
+    rows_listed = [*report["without_answer"], *costly]
+    above = "" if trivial_cost is None else f" above {trivial_cost:g} {unit}"
     tables: dict[str, Rows] = {
         "Solvers": [(name, str(version)) for name, version in report["solvers"].items()],
         "Reasons of rows without an answer": [
@@ -118,16 +124,18 @@ def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     }
     return fill(
         "dataset.html",
-        **report_fields(report, "dataset", _cards(report), images, report["status"]),
-        **verification_fields(report, known, "Everything is computed again from the stored rows."),
-        **run_fields(report, tables, "this dataset was made from"),
+        **build_report_fields(report, "dataset", _build_cards(report), images, report["status"]),
+        **build_verification_fields(
+            report, meanings, "Everything is computed again from the stored rows."
+        ),
+        **build_run_fields(report, tables, "this dataset was made from"),
         pictures_note="Outcomes, times and costs of all rows; then the costliest.",
         table_note=f"Those without an answer, then the costliest{above}; all are in the file.",
-        table=Table.of(head, map(_cells, listed)),
+        table=Table.of(head, map(_build_cells, rows_listed)),
     )
 
 
-def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+def _build_cards(report: Mapping[str, Any]) -> Iterator[Card]:
     rows, cost, time = report["rows"], report["cost"], report["time"]
     unit = f" {report['units']['cost.*']}" if report["units"]["cost.*"] else ""
     optimal = f"{rows.get('optimal', 0)} proved optimal"
@@ -144,19 +152,19 @@ def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
     yield Card("Different strategies", str(strategies["distinct"]), once)
 
 
-def _cells(entry: Mapping[str, Any]) -> tuple[str, ...]:
+def _build_cells(entry: Mapping[str, Any]) -> tuple[str, ...]:
     cost = "" if entry["objective"] is None else f"{entry['objective']:.4g}"
     time = f"{1e3 * entry['time']:.2f}"
     return (str(entry["row"]), entry["status"], cost, time, entry["message"])
 
 
-def _costliest(data: Dataset) -> list[int]:
+def _select_costliest(data: Dataset) -> list[int]:
     cost = np.where(data.feasible, data.objective, -math.inf)
     order = np.argsort(-cost, kind="stable")[:_LISTED]
     return [int(k) for k in order if data.feasible[k]]
 
 
-def _row(data: Dataset, k: int) -> dict[str, Any]:
+def _build_row(data: Dataset, k: int) -> dict[str, Any]:
     return {
         "row": k,
         "seed": int(data.seed[k]),

@@ -47,25 +47,25 @@ def load_dataset(source: str | Path, overrides: Sequence[str | Override] = ()) -
         SpecError: with every mistake in spec and overrides.
     """
     text = read_source(source)
-    return dataset_of(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
+    return build_dataset_spec(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
 
 
-def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
+def build_dataset_spec(document: Document, text: SourceText) -> LoadedDataset:
     """Return the dataset spec that a document describes.
 
     Raises:
         SpecError: with every mistake in it.
     """
     findings: list[Finding] = []
-    kind = find_kind(document, wanted="dataset")
+    kind = find_kind(document, expected_kind="dataset")
     if isinstance(kind, Finding):
         findings.append(kind)
     resolve_option_paths(document, _PATHS)
-    model = _model_of(document)
+    model = _select_model(document)
     if isinstance(model, Finding):
         raise SpecError(document.source, document.mistakes([*findings, model]))
-    spec, found = validate(document, model)
-    findings += [f for f in found if f.path != ("kind",)]
+    spec, model_findings = validate(document, model)
+    findings += [f for f in model_findings if f.path != ("kind",)]
     robot_mistakes: list[SpecMistake] = []
     if model is TerrainsDatasetSpec:
         path: KeyPath = ("problem", "robot")
@@ -80,7 +80,7 @@ def dataset_of(document: Document, text: SourceText) -> LoadedDataset:
     return LoadedDataset(spec=spec, **describe_origin(document, text))
 
 
-def _model_of(
+def _select_model(
     document: Document,
 ) -> (
     type[ShelfDatasetSpec]
@@ -90,14 +90,16 @@ def _model_of(
     | Finding
 ):
     """Return the model that `problem.kind` asks for, or what is wrong with it."""
-    known = ", ".join(f"`{kind}`" for kind in BY_PROBLEM)
+    kind_names = ", ".join(f"`{kind}`" for kind in BY_PROBLEM)
     problem = document.value.get("problem")
     if not isinstance(problem, dict):
-        got = "missing" if problem is None else f"got {format_value(problem)}"
-        return Finding(("problem",), f"{got}, expected a mapping with a `kind` (one of {known})")
+        observed = "missing" if problem is None else f"got {format_value(problem)}"
+        return Finding(
+            ("problem",), f"{observed}, expected a mapping with a `kind` (one of {kind_names})"
+        )
     kind = problem.get("kind")
     if not isinstance(kind, str) or kind not in BY_PROBLEM:
-        near = find_closest_name(kind, list(BY_PROBLEM)) if isinstance(kind, str) else None
-        got = "missing" if kind is None else f"got {format_value(kind)}"
-        return Finding(("problem", "kind"), f"{got}, expected one of {known}", near)
+        closest = find_closest_name(kind, list(BY_PROBLEM)) if isinstance(kind, str) else None
+        observed = "missing" if kind is None else f"got {format_value(kind)}"
+        return Finding(("problem", "kind"), f"{observed}, expected one of {kind_names}", closest)
     return BY_PROBLEM[kind]

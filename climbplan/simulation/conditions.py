@@ -54,8 +54,8 @@ class Conditions:
 NOMINAL = Conditions()
 
 
-def regulated(conditions: Conditions, robot: Robot) -> Regulated:
-    """What a robot's commands are corrected for: what conditions say, or what can be.
+def select_regulator(conditions: Conditions, robot: Robot) -> Regulated:
+    """Return what a robot's commands are corrected for: what conditions say, or what can be.
 
     The regulator moves toes that are points, in places. Flat feet lie on their surfaces, and turn
     with the body where they stand: raises UsageError for what would correct them.
@@ -79,8 +79,10 @@ def require_possible(conditions: Conditions, mass: float, links: float | None = 
         if isinstance(value, float) and not math.isfinite(value):
             raise UsageError(f"--{name.replace('_', '-')} {value}: expected a finite number")
     if links is None:
-        share = conditions.limb_mass_share
-        links = mass * (LIMB_MASS_SHARE if share is None else share)
+        mass_fraction = conditions.limb_mass_share
+        links = mass * (LIMB_MASS_SHARE if mass_fraction is None else mass_fraction)
     if mass - links + conditions.payload < _LEAST_BODY * mass:
-        least = links - (1 - _LEAST_BODY) * mass
-        raise UsageError(f"--payload {conditions.payload:g}: expected at least {least:.3g} kg")
+        min_payload = links - (1 - _LEAST_BODY) * mass
+        raise UsageError(
+            f"--payload {conditions.payload:g}: expected at least {min_payload:.3g} kg"
+        )

@@ -11,50 +11,50 @@ from climbplan.robots.model import Robot, dynamics_of
 from climbplan.simulation.conditions import Conditions
 
 
-def motor_stiffness(robot: Robot, conditions: Conditions) -> Array:
-    """(N, J) stiffness of the joints with the structure's give [N m/rad]."""
-    share = robot.structural_compliance_share
-    stiffness = np.asarray(robot.joint_stiffness * (1 - share) * conditions.gain)
+def compute_motor_stiffness(robot: Robot, conditions: Conditions) -> Array:
+    """Return (N, J) stiffness of the joints with the structure's give [N m/rad]."""
+    compliance_share = robot.structural_compliance_share
+    stiffness = np.asarray(robot.joint_stiffness * (1 - compliance_share) * conditions.gain)
     world = conditions.world
     return stiffness if world is None else stiffness * world.gain * world.stiffness
 
 
-def believed_stiffness(robot: Robot, conditions: Conditions) -> Array:
-    """(N, J) what whoever commands the joints takes it for [N m/rad]."""
-    return motor_stiffness(robot, replace(conditions, gain=1.0, world=None))
+def compute_assumed_stiffness(robot: Robot, conditions: Conditions) -> Array:
+    """Return (N, J) what whoever commands the joints takes it for [N m/rad]."""
+    return compute_motor_stiffness(robot, replace(conditions, gain=1.0, world=None))
 
 
-def rotor_inertia(robot: Robot, conditions: Conditions) -> Array:
-    """(N, J) of motors behind their gears, as the joints feel it [kg m^2], [kg]."""
-    own = dynamics_of(robot).rotor_inertia
+def compute_rotor_inertia(robot: Robot, conditions: Conditions) -> Array:
+    """Return (N, J) of motors behind their gears, as the joints feel it [kg m^2], [kg]."""
+    robot_inertia = dynamics_of(robot).rotor_inertia
     if conditions.armature_value is not None:
-        return np.full_like(own, conditions.armature_value)
-    return np.asarray(conditions.armature * own)
+        return np.full_like(robot_inertia, conditions.armature_value)
+    return np.asarray(conditions.armature * robot_inertia)
 
 
-def motor_damping(robot: Robot, conditions: Conditions) -> Array:
-    """(N, J) derivative gains of the joints' servos [N m s/rad], [N s/m].
+def compute_motor_damping(robot: Robot, conditions: Conditions) -> Array:
+    """Return (N, J) derivative gains of the joints' servos [N m s/rad], [N s/m].
 
     Gains are a controller's: another rotor inertia does not change them.
     """
-    own = dynamics_of(robot).damping
+    robot_damping = dynamics_of(robot).damping
     if conditions.damping_value is not None:
-        return np.full_like(own, conditions.damping_value)
-    return np.asarray(conditions.damping * own)
+        return np.full_like(robot_damping, conditions.damping_value)
+    return np.asarray(conditions.damping * robot_damping)
 
 
-def joint_damping(robot: Robot, conditions: Conditions) -> Array:
-    """(N, J) of servos and of what turns in them [N m s/rad], [N s/m]."""
-    return motor_damping(robot, conditions) + viscous_friction(robot, conditions)
+def compute_joint_damping(robot: Robot, conditions: Conditions) -> Array:
+    """Return (N, J) of servos and of what turns in them [N m s/rad], [N s/m]."""
+    return compute_motor_damping(robot, conditions) + compute_viscous_friction(robot, conditions)
 
 
-def viscous_friction(robot: Robot, conditions: Conditions) -> Array:
-    """(N, J) of bearings and gears [N m s/rad], [N s/m]."""
+def compute_viscous_friction(robot: Robot, conditions: Conditions) -> Array:
+    """Return (N, J) of bearings and gears [N m s/rad], [N s/m]."""
     return np.asarray(conditions.damping * dynamics_of(robot).viscous_friction)
 
 
-def plays(robot: Robot, conditions: Conditions) -> Array:
-    """(N, J) play of the joints [rad], of those that slide as many times `RADIAN` [m]."""
-    own = np.full((robot.limb_count, robot.joint_count), conditions.backlash)
-    both = own if conditions.world is None else own + conditions.world.backlash
-    return np.asarray(both * robot.joint_unit)
+def compute_backlash(robot: Robot, conditions: Conditions) -> Array:
+    """Return (N, J) play of the joints [rad], of those that slide as many times `RADIAN` [m]."""
+    backlash = np.full((robot.limb_count, robot.joint_count), conditions.backlash)
+    total_backlash = backlash if conditions.world is None else backlash + conditions.world.backlash
+    return np.asarray(total_backlash * robot.joint_unit)

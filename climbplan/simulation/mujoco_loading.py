@@ -11,7 +11,7 @@ from climbplan.errors import MissingSolver
 
 
 def load_mujoco() -> ModuleType:
-    """The package `mujoco`.
+    """Return the package `mujoco`.
 
     Without a display it is told to draw off screen, which it wants to know before it is loaded; a
     choice that the environment names (MUJOCO_GL) stands. Raises MissingSolver with how to install

@@ -22,7 +22,7 @@ _LEAST = 1e-12  # [kg m^2] likewise, of points
 _ROUNDING = 1e-3  # change relative to the inertia that is worth no warning
 
 
-def physical_inertia(inertia: Array, name: str) -> Array:
+def repair_inertia(inertia: Array, name: str) -> Array:
     """Return the nearest inertia that a body of positive density can have.
 
     Logs a warning, once for each name, where more than the rounding of a file is changed.
@@ -34,12 +34,14 @@ def physical_inertia(inertia: Array, name: str) -> Array:
     symmetric = (inertia + inertia.T) / 2
     second = np.trace(symmetric) / 2 * np.eye(3) - symmetric
     value, vector = np.linalg.eigh(second)
-    least = max(_MARGIN * float(np.abs(value).sum()), _LEAST)
-    if value[0] >= least:
+    min_moment = max(_MARGIN * float(np.abs(value).sum()), _LEAST)
+    if value[0] >= min_moment:
         return np.asarray(symmetric)
-    second = (vector * np.maximum(value, least)) @ vector.T
+    second = (vector * np.maximum(value, min_moment)) @ vector.T
     repaired = np.trace(second) * np.eye(3) - second
-    if np.abs(repaired - symmetric).max() > max(_ROUNDING * np.abs(symmetric).max(), 10 * least):
+    if np.abs(repaired - symmetric).max() > max(
+        _ROUNDING * np.abs(symmetric).max(), 10 * min_moment
+    ):
         _warn_once(name)
     return np.asarray(repaired)
 

@@ -27,7 +27,7 @@ Decorate = Callable[[Any, Any, Any], None]
 def open_camera(
     path: Array, *, azimuth: float = 105.0, follow: bool = False, decorate: Decorate | None = None
 ) -> Camera | str:
-    """A camera on a body that moves along a path (T, 3), or why none can be had.
+    """Return a camera on a body that moves along a path (T, 3), or why none can be had.
 
     follow: it moves along; otherwise it sees all of the path from one place.
     """
@@ -83,7 +83,7 @@ class Camera:
         return chosen
 
     def film(self) -> bytes:
-        """All pictures as an animated GIF."""
+        """Return all pictures as an animated GIF."""
         size = (_FILM_WIDTH, round(_FILM_WIDTH * HEIGHT / WIDTH))
         frames = [
             Image.fromarray(image).resize(size).quantize(96, dither=Image.Dither.NONE)

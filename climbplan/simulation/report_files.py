@@ -1,4 +1,4 @@
-"""What `simulate` writes for every kind of plan: numbers, a table, figures, film and page."""
+"""Write the files of `simulate` for every kind of plan: numbers, table, figures, film, page."""
 
 from __future__ import annotations
 
@@ -11,10 +11,16 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from climbplan.arrays import Array
-from climbplan.reports.page_parts import Card, data_address
-from climbplan.reports.page_template import fill, frame_fields
+from climbplan.reports.page_parts import Card, encode_data_url
+from climbplan.reports.page_template import fill, build_frame_fields
 from climbplan.reports.report_files import write_files
-from climbplan.reports.sheet import heading, new_figure, panel_title, plain, png
+from climbplan.reports.sheet import (
+    draw_heading,
+    new_figure,
+    draw_panel_title,
+    format_plain,
+    render_png,
+)
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.pictures import Picture
 from climbplan.simulation.trials import Trial
@@ -26,8 +32,8 @@ MAX_SPEED_SHARE = 1.05  # of a joint's speed limit that is let pass: one step of
 
 
 @dataclass(frozen=True)
-class End:
-    """How the nominal run ended."""
+class SimulationEnd:
+    """The end of the nominal run."""
 
     fall_time: float | None  # [s], None of a robot that stands to the end
     slips: int
@@ -37,12 +43,14 @@ class End:
 
     @property
     def too_fast(self) -> bool:
-        """A joint turned faster than its motor can, beyond what a millisecond may show."""
+        """Return whether a joint exceeded its speed limit by more than one simulation step
+        explains.
+        """
         return self.joint_speed > MAX_SPEED_SHARE
 
     @property
     def good(self) -> bool:
-        """Nothing fell, slipped or lost contact, and no joint was too fast."""
+        """Return whether nothing fell, slipped or lost contact, and no joint was too fast."""
         stood = self.fall_time is None and not self.slips and not self.lost_contacts
         return stood and not self.too_fast
 
@@ -52,36 +60,38 @@ class End:
         if self.fall_time is not None:
             return f"falls at {self.fall_time:.2f} s"
         counts = [(self.slips, "slip"), (self.lost_contacts, "lost contact")]
-        told = [f"{count} {name}{'s' * (count > 1)}" for count, name in counts if count]
+        incidents = [f"{count} {name}{'s' * (count > 1)}" for count, name in counts if count]
         if self.too_fast:
-            told.append(f"joint speeds of {100 * self.joint_speed:.0f} % of their limits")
-        return f"stands with {' and '.join(told)}" if told else "stands"
+            incidents.append(f"joint speeds of {100 * self.joint_speed:.0f} % of their limits")
+        return f"stands with {' and '.join(incidents)}" if incidents else "stands"
 
-    def failure(self, most: int | None) -> str:
-        """Why the plan does not hold in the simulation, "" if it does.
+    def failure(self, max_slips: int | None) -> str:
+        """Return why the simulated plan fails, or "" if it does not.
 
-        most: slips and lost contacts together that are let pass, None for the kind's default.
+        Args:
+            max_slips: number of slips and lost contacts together that is tolerated; None means the
+                default of the kind of plan.
         """
-        limit = self.allowed if most is None else most
+        limit = self.allowed if max_slips is None else max_slips
         if self.fall_time is not None:
             return f"the robot {self.words}"
         if self.slips + self.lost_contacts > limit:
-            return f"the robot {self.words}, {limit} together are let pass (--most-slips)"
+            return f"the robot {self.words}, expected at most {limit} together (--most-slips)"
         if self.too_fast:
             return (
                 f"the robot {self.words}, which its motors do not reach; plan a slower walk "
-                "(task.reference.velocity) or longer intervals (task.step)"
+                "(task.reference.velocity) or longer intervals (task.dt)"
             )
         return ""
 
 
 @dataclass(frozen=True)
-class Told:
-    """A simulation told: what stands in its files."""
+class SimulationRecord:
+    """The contents of the files of a simulation."""
 
     title: str
     headline: str
-    end: End
+    end: SimulationEnd
     report: Mapping[str, Any]
     table: str  # CSV
     figures: Mapping[str, Figure]
@@ -93,70 +103,76 @@ class Told:
     worst: tuple[str, bytes] | None = None  # of these, in words, and as an animated GIF
 
 
-def write_simulation(told: Told, directory: Path) -> None:
+def write_simulation(record: SimulationRecord, directory: Path) -> None:
     """Write report.json, report.html, simulation.csv, figures/ and, if there is one, the film."""
-    images = {name: png(figure) for name, figure in told.figures.items()}
-    write_files(directory, told.report, _page(told, images), images)
-    (directory / RESULT).write_text(told.table, encoding="utf-8")
-    if told.film is not None:
-        (directory / FILM).write_bytes(told.film)
-    if told.worst is not None:
-        (directory / WORST_FILM).write_bytes(told.worst[1])
+    images = {name: render_png(figure) for name, figure in record.figures.items()}
+    write_files(directory, record.report, _render_page(record, images), images)
+    (directory / RESULT).write_text(record.table, encoding="utf-8")
+    if record.film is not None:
+        (directory / FILM).write_bytes(record.film)
+    if record.worst is not None:
+        (directory / WORST_FILM).write_bytes(record.worst[1])
 
 
-def _page(told: Told, images: Mapping[str, bytes]) -> str:
+def _render_page(record: SimulationRecord, images: Mapping[str, bytes]) -> str:
     return fill(
         "simulation.html",
-        **frame_fields(
-            title=told.title,
+        **build_frame_fields(
+            title=record.title,
             kicker=("simulation",),
-            badges=(told.end.words, *filter(None, [told.worlds])),
-            good=told.end.good,
-            cards=told.cards,
+            badges=(record.end.words, *filter(None, [record.worlds])),
+            good=record.end.good,
+            cards=record.cards,
             images=images,
         ),
-        verdict=told.headline,
-        notes=told.notes,
-        events=told.events,
-        film=data_address(told.film, "gif") if told.film is not None else "",
-        worst="" if told.worst is None else told.worst[0],
-        worst_film="" if told.worst is None else data_address(told.worst[1], "gif"),
-        conditions=[(k, str(v)) for k, v in told.report["conditions"].items() if k != "losses"],
+        verdict=record.headline,
+        notes=record.notes,
+        events=record.events,
+        film=encode_data_url(record.film, "gif") if record.film is not None else "",
+        worst="" if record.worst is None else record.worst[0],
+        worst_film="" if record.worst is None else encode_data_url(record.worst[1], "gif"),
+        conditions=[(k, str(v)) for k, v in record.report["conditions"].items() if k != "losses"],
     )
 
 
-def spread(values: Array) -> dict[str, float | None]:
-    """Median and range of finite values."""
-    kept = values[np.isfinite(values)]
-    if not kept.size:
+def summarise_values(values: Array) -> dict[str, float | None]:
+    """Return median and range of the finite values."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
         return {"median": None, "least": None, "most": None}
-    return {"median": float(np.median(kept)), "least": float(kept.min()), "most": float(kept.max())}
+    return {
+        "median": float(np.median(finite)),
+        "least": float(finite.min()),
+        "most": float(finite.max()),
+    }
 
 
-def conditions_dict(conditions: Conditions) -> dict[str, Any]:
-    """Conditions as JSON-ready values; the world, which has arrays, is told elsewhere."""
-    plain = {k: v for k, v in vars(conditions).items() if k not in ("losses", "world")}
+def convert_conditions(conditions: Conditions) -> dict[str, Any]:
+    """Convert conditions to JSON values; the world, which has arrays, is left out."""
+    values = {k: v for k, v in vars(conditions).items() if k not in ("losses", "world")}
     losses = [{"limb": x.limb, "start": x.start, "duration": x.duration} for x in conditions.losses]
-    return {**plain, "losses": losses}
+    return {**values, "losses": losses}
 
 
-def trial_dict(trial: Trial) -> dict[str, Any]:
-    """One random run as JSON-ready values."""
+def convert_trial(trial: Trial) -> dict[str, Any]:
+    """Convert one random run to JSON values."""
     return {
         "fallen": trial.fallen,
         "time": trial.time,
         "slips": trial.slips,
-        "conditions": conditions_dict(trial.conditions),
+        "conditions": convert_conditions(trial.conditions),
     }
 
 
-def strip(pictures: Sequence[tuple[int, Picture]], times: Sequence[float], name: str) -> Figure:
-    """Pictures of the run side by side."""
+def plot_film_strip(
+    pictures: Sequence[tuple[int, Picture]], times: Sequence[float], name: str
+) -> Figure:
+    """Draw pictures of the run side by side."""
     figure = new_figure(2.6, entries=1)
     axes = figure.subplots(1, len(pictures), squeeze=False)[0]
     for ax, (sample, image) in zip(axes, pictures, strict=True):
         ax.imshow(image)
         ax.set_axis_off()
-        panel_title(ax, f"{times[sample]:.3g} s")
-    heading(figure, "The simulated run", plain(f"{name}, MuJoCo"))
+        draw_panel_title(ax, f"{times[sample]:.3g} s")
+    draw_heading(figure, "The simulated run", format_plain(f"{name}, MuJoCo"))
     return figure

@@ -28,7 +28,7 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Share:
+class FallRate:
     """Falls among runs, with a 95 % interval (Wilson)."""
 
     fallen: int
@@ -51,7 +51,7 @@ class Share:
 
 
 @dataclass(frozen=True)
-class Drawn:
+class ConditionsDistribution:
     """What worlds are drawn about."""
 
     base: Conditions
@@ -59,26 +59,28 @@ class Drawn:
     mass: float  # [kg] of the robot
     duration: float  # [s] of the plan
     loss: float = LOSS  # [s]
-    most_backlash: float = 0.0  # [rad]
+    max_backlash: float = 0.0  # [rad]
 
 
-def drawn_worlds(about: Drawn, count: int, seed: int) -> tuple[Conditions, ...]:
-    """Worlds; the same for every plan of the same robot, but for the duration.
+def sample_conditions(
+    distribution: ConditionsDistribution, count: int, seed: int
+) -> tuple[Conditions, ...]:
+    """Return worlds; the same for every plan of the same robot, but for the duration.
 
     Whether backlash is drawn does not change the rest.
     """
-    out, base = [], about.base
+    out, base = [], distribution.base
     for child in np.random.SeedSequence(seed).spawn(count):
         rng = np.random.default_rng(child)
-        limb, when = int(rng.integers(about.limbs)), float(rng.uniform(0.05, 0.95))
+        limb, when = int(rng.integers(distribution.limbs)), float(rng.uniform(0.05, 0.95))
         world = replace(
             base,
             friction=base.friction * float(rng.uniform(*FRICTION)),
-            payload=base.payload + about.mass * float(rng.uniform(*PAYLOAD)),
+            payload=base.payload + distribution.mass * float(rng.uniform(*PAYLOAD)),
             gain=base.gain * float(rng.uniform(*GAIN)),
-            losses=(ContactLoss(limb, when * about.duration, about.loss),),
+            losses=(ContactLoss(limb, when * distribution.duration, distribution.loss),),
         )
-        more = float(rng.uniform(0.0, 1.0)) * about.most_backlash
+        more = float(rng.uniform(0.0, 1.0)) * distribution.max_backlash
         out.append(replace(world, backlash=base.backlash + more))
     return tuple(out)
 
@@ -90,10 +92,10 @@ def run_trials(
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Trial, ...]:
     """Simulate in each world; the outcome does not depend on the number of workers."""
-    found: list[Trial] = []
+    trials: list[Trial] = []
     work = Parallel(n_jobs=jobs, return_as="generator")(delayed(trial)(w) for w in worlds)
-    for one in work:
-        found.append(one)
+    for outcome in work:
+        trials.append(outcome)
         if progress is not None:
-            progress(len(found) / len(worlds))
-    return tuple(found)
+            progress(len(trials) / len(worlds))
+    return tuple(trials)

@@ -25,7 +25,7 @@ class World:
     placement: Array  # (N, P, 3) how far each foothold is missed, world frame [m]
 
     def __eq__(self, other: object) -> bool:
-        """The same numbers."""
+        """Return the same numbers."""
         return isinstance(other, World) and all(
             np.array_equal(getattr(self, f.name), getattr(other, f.name)) for f in fields(self)
         )
@@ -33,5 +33,5 @@ class World:
     __hash__ = None  # type: ignore[assignment]  # holds arrays
 
     def told(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return {f.name: np.asarray(getattr(self, f.name)).tolist() for f in fields(self)}

@@ -40,35 +40,35 @@ def compare(recording: Recording, motion: ExportedMotion, weight: float) -> Comp
     force_error = np.linalg.norm(np.array(recording.force) - force, axis=(1, 2))
     force_size = np.linalg.norm(force, axis=(1, 2))
     samples, worst = np.arange(len(times)), np.argmax(np.abs(planned), axis=1)
-    settled = _settled(motion, times)
+    is_settled = _mark_settled(motion, times)
     return Comparison(
         distance=np.linalg.norm(recording.departure, axis=1),
         angle=np.array(recording.turned),
-        torque_error=_relative(
+        torque_error=_compute_relative(
             np.abs(torque - planned)[samples, worst],
             np.abs(planned)[samples, worst],
-            settled,
+            is_settled,
             MIN_EFFORT,
         ),
-        all_torque_error=_relative(
+        all_torque_error=_compute_relative(
             np.linalg.norm(torque - planned, axis=1),
             np.linalg.norm(planned, axis=1),
-            settled,
+            is_settled,
             MIN_EFFORT,
         ),
-        force_error=_relative(force_error, force_size, settled, MIN_EFFORT * weight),
+        force_error=_compute_relative(force_error, force_size, is_settled, MIN_EFFORT * weight),
         at_limit=float((np.abs(torque) > 1.0 - 1e-6).any(axis=1).mean()),
     )
 
 
-def _relative(error: Array, size: Array, settled: BoolArray, least: float) -> Array:
+def _compute_relative(error: Array, size: Array, is_settled: BoolArray, min_size: float) -> Array:
     out = np.full(len(error), np.nan)
-    np.divide(error, size, out=out, where=settled & (size > least))
+    np.divide(error, size, out=out, where=is_settled & (size > min_size))
     return out
 
 
-def _settled(motion: ExportedMotion, times: Array) -> BoolArray:
-    """(S,) whether no planned contact changes shortly before or after."""
+def _mark_settled(motion: ExportedMotion, times: Array) -> BoolArray:
+    """Return (S,) whether no planned contact changes shortly before or after."""
     changed = (motion.touching[1:] != motion.touching[:-1]).any(axis=1)
     changes = motion.time[1:][changed]
     since = times[:, None] - changes

@@ -65,7 +65,7 @@ class ContactLog:
         self._slid = np.zeros((count, 3))
         self._max_slid, self._slid_time = np.zeros(count), np.full(count, np.nan)
         self._away = np.zeros(count)
-        self._lifts = _lift_times(motion)
+        self._lifts = _compute_lift_times(motion)
 
     def update(self, context: Any, time: float, seconds: float) -> None:
         """Read the contacts of the last step, which count for so many seconds."""
@@ -77,7 +77,7 @@ class ContactLog:
             toe.EvalPoseInWorld(context).multiply(np.array(contact.offset))
             for toe, contact in zip(self._plant.toes, motion.contacts, strict=True)
         ]
-        moved: set[int] = set()
+        moved_limbs: set[int] = set()
         pairs: dict[tuple[str, str], tuple[Array, float]] = {}
         for number in range(results.num_point_pair_contacts()):
             info = results.point_pair_contact_info(number)
@@ -92,8 +92,8 @@ class ContactLog:
                 limb = self._limb_of.get(body)
                 if limb is not None and self._is_near_toe(limb, toes[limb], info):
                     self.force[limb] += sign * force
-                    if touching[limb] and limb not in moved:
-                        moved.add(limb)
+                    if touching[limb] and limb not in moved_limbs:
+                        moved_limbs.add(limb)
                         self._slide(context, limb, info, body, seconds)
                     continue
             names = self._name(second, pair.id_B), self._name(first, pair.id_A)
@@ -101,8 +101,8 @@ class ContactLog:
                 names, force = (names[1], names[0]), -force
             total, depth = pairs.get(names, (np.zeros(3), 0.0))
             pairs[names] = total + force, max(depth, float(pair.depth))
-        for (link, other), (total, depth) in pairs.items():
-            self._touch(link, other, total, depth, time, seconds)
+        for (link, touched), (total, depth) in pairs.items():
+            self._touch(link, touched, total, depth, time, seconds)
         self._judge_stances(time, seconds, touching)
 
     def finish(self, time: float) -> None:
@@ -120,21 +120,21 @@ class ContactLog:
         moving = self._plant.plant.get_body(index)
         velocity = moving.EvalSpatialVelocityInWorld(context)
         arm = info.contact_point() - moving.EvalPoseInWorld(context).translation()
-        turning = _cross(velocity.rotational().tolist(), arm.tolist())
+        turning = _compute_cross(velocity.rotational().tolist(), arm.tolist())
         point_velocity = velocity.translational() + turning
         normal = info.point_pair().nhat_BA_W
         point_velocity -= (point_velocity @ normal) * normal
         self._slid[limb] += seconds * point_velocity
 
     def _touch(
-        self, link: str, other: str, force: Array, depth: float, time: float, seconds: float
+        self, link: str, touched: str, force: Array, depth: float, time: float, seconds: float
     ) -> None:
-        seen = self.links.setdefault((link, other), LinkContact(link, other, time))
-        seen.seconds += seconds
-        seen.max_depth = max(seen.max_depth, depth)
+        link_contact = self.links.setdefault((link, touched), LinkContact(link, touched, time))
+        link_contact.seconds += seconds
+        link_contact.max_depth = max(link_contact.max_depth, depth)
         size = float(np.linalg.norm(force))
-        if size > seen.max_force:
-            seen.max_force, seen.max_force_time = size, time
+        if size > link_contact.max_force:
+            link_contact.max_force, link_contact.max_force_time = size, time
 
     def _name(self, body: int, geometry: Any) -> str:
         if body == self._world:
@@ -174,14 +174,14 @@ class ContactLog:
         self._away[limb] = 0.0
 
 
-def _cross(first: list[float], second: list[float]) -> Array:
+def _compute_cross(first: list[float], second: list[float]) -> Array:
     """Return the cross product of two vectors, without NumPy's overhead for many."""
     (a, b, c), (x, y, z) = first, second
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
 
-def _lift_times(motion: ExportedMotion) -> Array:
-    """(C, T) time at which a toe is next lifted [s]; infinite if never."""
+def _compute_lift_times(motion: ExportedMotion) -> Array:
+    """Return (C, T) time at which a toe is next lifted [s]; infinite if never."""
     count = len(motion.time)
     out = np.full((len(motion.contacts), count), np.inf)
     for limb, touching in enumerate(motion.touching.T):

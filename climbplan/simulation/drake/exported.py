@@ -88,7 +88,7 @@ def read_motion(directory: Path) -> ExportedMotion:
             "on the robot's own URDF, so plan it with a robot file that has `urdf:`"
         )
     columns = _read_columns(directory / MOTION_CSV)
-    joints = tuple(_joint(given) for given in facts["joints"])
+    joints = tuple(_read_joint(entry) for entry in facts["joints"])
     contacts = tuple(
         ExportedContact(c["name"], c["link"], tuple(c["offset"]), c["radius"])
         for c in facts["contacts"]
@@ -103,7 +103,7 @@ def read_motion(directory: Path) -> ExportedMotion:
         return np.moveaxis(np.array(parts), -1, 0)
 
     limbs = [c.name for c in contacts]
-    quaternion = [columns[f"base_{part}"] for part in ("qx", "qy", "qz", "qw")]
+    quaternion = [columns[f"base_{component}"] for component in ("qx", "qy", "qz", "qw")]
     return ExportedMotion(
         name=facts["name"],
         robot=facts["robot"],
@@ -115,7 +115,7 @@ def read_motion(directory: Path) -> ExportedMotion:
         command=of_joints("position", "rad", "m"),
         angle=of_joints("angle", "rad", "m"),
         effort=of_joints("effort", "Nm", "N"),
-        torque=_torques(columns, joints),
+        torque=_read_torques(columns, joints),
         gravity=of_joints("gravity", "Nm", "N"),
         contacts=contacts,
         force=vectors([f"{limb}_force" for limb in limbs], "N"),
@@ -124,18 +124,18 @@ def read_motion(directory: Path) -> ExportedMotion:
     )
 
 
-def _joint(given: dict[str, Any]) -> ExportedJoint:
+def _read_joint(entry: dict[str, Any]) -> ExportedJoint:
     return ExportedJoint(
-        given["name"],
-        given["limb"],
-        given["kind"] == "slides",
-        given["gain"],
-        given["damping"],
-        given["max_torque"],
+        entry["name"],
+        entry["limb"],
+        entry["kind"] == "slides",
+        entry["gain"],
+        entry["damping"],
+        entry["max_torque"],
     )
 
 
-def _torques(columns: dict[str, Array], joints: tuple[ExportedJoint, ...]) -> Array:
+def _read_torques(columns: dict[str, Array], joints: tuple[ExportedJoint, ...]) -> Array:
     names = [f"{j.name}_force_N" if j.slides else f"{j.name}_torque_Nm" for j in joints]
     return np.stack([columns[name] for name in names], axis=1)
 

@@ -23,7 +23,7 @@ class PlannedPenetration:
     is_toe: bool  # the link stands on a toe there
 
 
-def planned_penetrations(
+def find_planned_penetrations(
     plant: Plant, root: Any, motion: ExportedMotion
 ) -> tuple[PlannedPenetration, ...]:
     """Return the deepest penetration of each pair of link and other, over the planned postures.

@@ -28,7 +28,7 @@ _ROUGH = 1e9  # friction coefficient of the robot, which leaves that of the terr
 _REACH = 1e-3  # [m] that a toe may be outside its link's geometry
 
 
-def pydrake(module: str) -> Any:
+def import_pydrake(module: str) -> Any:
     """Import a module of Drake's.
 
     Raises MissingSolver if Drake is not installed.
@@ -68,13 +68,15 @@ class Plant:
         """
         root = self.diagram.CreateDefaultContext()
         context = self.plant.GetMyMutableContextFromRoot(root)
-        spatial = pydrake("multibody.tree").SpatialInertia
+        spatial = import_pydrake("multibody.tree").SpatialInertia
         if abs(mass / self.mass - 1.0) > 1e-6:
             for index in self.plant.GetBodyIndices(self.model):
                 body = self.plant.get_body(index)
-                own = body.default_spatial_inertia()
+                inertia = body.default_spatial_inertia()
                 scaled = spatial(
-                    own.get_mass() * mass / self.mass, own.get_com(), own.get_unit_inertia()
+                    inertia.get_mass() * mass / self.mass,
+                    inertia.get_com(),
+                    inertia.get_unit_inertia(),
                 )
                 body.SetSpatialInertiaInBodyFrame(context, scaled)
         for name, angle in motion.held.items():
@@ -87,8 +89,8 @@ class Plant:
     def place(self, context: Any, motion: ExportedMotion, sample: int) -> None:
         """Put the robot where it is planned at a sample, at rest."""
         x, y, z, w = motion.base_quaternion[sample] / np.linalg.norm(motion.base_quaternion[sample])
-        turn = pydrake("common.eigen_geometry").Quaternion(w, x, y, z)
-        pose = pydrake("math").RigidTransform(turn, motion.base_position[sample])
+        turn = import_pydrake("common.eigen_geometry").Quaternion(w, x, y, z)
+        pose = import_pydrake("math").RigidTransform(turn, motion.base_position[sample])
         self.plant.SetFreeBodyPose(context, self.base, pose)
         positions = self.plant.GetPositions(context)
         for joint, angle in zip(self.joints, motion.angle[sample], strict=True):
@@ -108,8 +110,8 @@ class Plant:
         """Let links pass through each other whose geometry overlaps now, and return their names."""
         context = self.plant.GetMyContextFromRoot(root)
         names = []
-        declare = pydrake("geometry").CollisionFilterDeclaration
-        geometry_set = pydrake("geometry").GeometrySet
+        declare = import_pydrake("geometry").CollisionFilterDeclaration
+        geometry_set = import_pydrake("geometry").GeometrySet
         manager = self.scene.collision_filter_manager(self.scene.GetMyMutableContextFromRoot(root))
         for pair in self.penetrations(context):
             if pair.id_A in self.terrain or pair.id_B in self.terrain:
@@ -142,22 +144,22 @@ def build_plant(
         return _build(motion, document, solids, gravity, settings, everything)
     plant = _build(motion, document, solids, gravity, settings, frozenset())
     context = plant.plant.GetMyContextFromRoot(plant.create_context(motion, plant.mass))
-    bare = frozenset(c for c in everything if _is_bare(plant, context, motion.contacts[c], c))
-    return _build(motion, document, solids, gravity, settings, bare) if bare else plant
+    bare_toes = frozenset(c for c in everything if _is_bare(plant, context, motion.contacts[c], c))
+    return _build(motion, document, solids, gravity, settings, bare_toes) if bare_toes else plant
 
 
 def _is_bare(plant: Plant, context: Any, contact: ExportedContact, index: int) -> bool:
-    """Whether the geometry fixed to a toe's link ends farther off than it is to touch."""
+    """Return whether the geometry fixed to a toe's link ends farther off than it is to touch."""
     body = plant.toes[index]
     point = body.EvalPoseInWorld(context).multiply(np.array(contact.offset))
     query = plant.plant.get_geometry_query_input_port().Eval(context)
-    near = query.ComputeSignedDistanceToPoint(point, contact.radius + 1.0)
-    own = [
-        found.distance
-        for found in near
-        if int(plant.body_of(context, found.id_G).index()) in plant.toe_bodies[index]
+    distances = query.ComputeSignedDistanceToPoint(point, contact.radius + 1.0)
+    toe_distances = [
+        distance.distance
+        for distance in distances
+        if int(plant.body_of(context, distance.id_G).index()) in plant.toe_bodies[index]
     ]
-    return not own or min(own) + contact.radius > _REACH
+    return not toe_distances or min(toe_distances) + contact.radius > _REACH
 
 
 def _build(
@@ -169,8 +171,8 @@ def _build(
     spheres: frozenset[int],
 ) -> Plant:
     """Build it with spheres at the toes of the limbs that are named by their numbers."""
-    builder = pydrake("systems.framework").DiagramBuilder()
-    plants = pydrake("multibody.plant")
+    builder = import_pydrake("systems.framework").DiagramBuilder()
+    plants = import_pydrake("multibody.plant")
     config = plants.MultibodyPlantConfig(
         time_step=settings.time_step,
         contact_model="point",
@@ -179,15 +181,15 @@ def _build(
     )
     plant, scene = plants.AddMultibodyPlant(config, builder)
     plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -gravity])
-    with _parser_warnings() as warnings:
-        (model,) = pydrake("multibody.parsing").Parser(plant).AddModels(str(document))
+    with _collect_parser_warnings() as warnings:
+        (model,) = import_pydrake("multibody.parsing").Parser(plant).AddModels(str(document))
     toes = tuple(plant.GetBodyByName(contact.link, model) for contact in motion.contacts)
     groups = tuple(frozenset(int(b.index()) for b in plant.GetBodiesWeldedTo(toe)) for toe in toes)
     _let_neighbours_overlap(plant, scene, model)
-    robot_properties = _properties(_ROUGH, 2 * STIFFNESS)
+    robot_properties = _build_properties(_ROUGH, 2 * STIFFNESS)
     for index in plant.GetBodyIndices(model):
         for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index)):
-            replace = pydrake("geometry").RoleAssign.kReplace
+            replace = import_pydrake("geometry").RoleAssign.kReplace
             scene.AssignRole(plant.get_source_id(), geometry, robot_properties, replace)
     layers = [
         {_add_solid(plant, solid, settings.friction_scale): solid.name for solid in solids}
@@ -198,10 +200,13 @@ def _build(
         _let_through(plant, scene, groups[index], terrain)
         _add_toe(plant, toes[index], motion.contacts[index])
     joints = tuple(plant.GetJointByName(joint.name, model) for joint in motion.joints)
-    for joint, own in zip(joints, motion.joints, strict=True):
-        actuator = plant.AddJointActuator(own.name, joint, own.max_torque)
-        gains = pydrake("multibody.tree").PdControllerGains
-        stiffness, damping = own.gain * settings.gain_scale, own.damping * settings.damping_scale
+    for joint, exported_joint in zip(joints, motion.joints, strict=True):
+        actuator = plant.AddJointActuator(exported_joint.name, joint, exported_joint.max_torque)
+        gains = import_pydrake("multibody.tree").PdControllerGains
+        stiffness, damping = (
+            exported_joint.gain * settings.gain_scale,
+            exported_joint.damping * settings.damping_scale,
+        )
         actuator.set_controller_gains(gains(p=stiffness, d=damping))
         actuator.set_default_rotor_inertia(settings.armature)
     plant.Finalize()
@@ -216,25 +221,25 @@ def _build(
 
 
 @contextmanager
-def _parser_warnings() -> Iterator[list[str]]:
+def _collect_parser_warnings() -> Iterator[list[str]]:
     """Collect the first lines of what Drake logs, in place of printing it."""
-    found: list[str] = []
+    first_lines: list[str] = []
 
     def keep(record: logging.LogRecord) -> bool:
         line = record.getMessage().splitlines()[0]
-        found.append(line.partition(": warning: ")[2].rstrip(":") or line)
+        first_lines.append(line.partition(": warning: ")[2].rstrip(":") or line)
         return False
 
     logger = logging.getLogger("drake")
     logger.addFilter(keep)
     try:
-        yield found
+        yield first_lines
     finally:
         logger.removeFilter(keep)
 
 
-def _properties(friction: float, stiffness: float) -> Any:
-    geometry, plants = pydrake("geometry"), pydrake("multibody.plant")
+def _build_properties(friction: float, stiffness: float) -> Any:
+    geometry, plants = import_pydrake("geometry"), import_pydrake("multibody.plant")
     properties = geometry.ProximityProperties()
     geometry.AddContactMaterial(
         DISSIPATION, stiffness, plants.CoulombFriction(friction, friction), properties
@@ -244,16 +249,16 @@ def _properties(friction: float, stiffness: float) -> Any:
 
 def _add_solid(plant: Any, solid: TerrainSolid, friction_scale: float) -> Any:
     """Return the geometry of a solid fixed to the world; a box where it is one."""
-    shapes, transform = pydrake("geometry"), pydrake("math").RigidTransform
+    shapes, transform = import_pydrake("geometry"), import_pydrake("math").RigidTransform
     # Drake has 2 m1 m2 / (m1 + m2) between two coefficients: twice the lesser beside a huge one
     # and k1 k2 / (k1 + k2) of two stiffnesses
-    share = STIFFNESS / LAYERS
-    stiffness = 1.0 / (1.0 / share - 0.5 / STIFFNESS)
-    properties = _properties(solid.friction * friction_scale / 2, stiffness)
+    layer_stiffness = STIFFNESS / LAYERS
+    stiffness = 1.0 / (1.0 / layer_stiffness - 0.5 / STIFFNESS)
+    properties = _build_properties(solid.friction * friction_scale / 2, stiffness)
     pose, shape = transform(), None
     if (box := solid.as_box()) is not None:
         axes, middle, size = box
-        pose = transform(pydrake("math").RotationMatrix(axes), middle)
+        pose = transform(import_pydrake("math").RotationMatrix(axes), middle)
         shape = shapes.Box(*size)
     else:
         shape = shapes.Convex(points=solid.corners.T, label=solid.name)
@@ -264,14 +269,14 @@ def _add_solid(plant: Any, solid: TerrainSolid, friction_scale: float) -> Any:
 
 def _let_neighbours_overlap(plant: Any, scene: Any, model: Any) -> None:
     """Let links overlap that one joint connects, with whatever is fixed to them."""
-    geometry = pydrake("geometry")
+    geometry = import_pydrake("geometry")
     for index in plant.GetJointIndices(model):
         joint = plant.get_joint(index)
         sides = [
             [
-                found
+                geometry_id
                 for body in plant.GetBodiesWeldedTo(link)
-                for found in plant.GetCollisionGeometriesForBody(body)
+                for geometry_id in plant.GetCollisionGeometriesForBody(body)
             ]
             for link in (joint.parent_body(), joint.child_body())
         ]
@@ -284,24 +289,24 @@ def _let_neighbours_overlap(plant: Any, scene: Any, model: Any) -> None:
 
 def _let_through(plant: Any, scene: Any, bodies: frozenset[int], terrain: dict[Any, str]) -> None:
     """Let the geometry of a toe's bodies through the terrain."""
-    geometry = pydrake("geometry")
-    own = [
-        found
+    geometry = import_pydrake("geometry")
+    toe_geometries = [
+        geometry_id
         for index in bodies
-        for found in plant.GetCollisionGeometriesForBody(
-            plant.get_body(pydrake("multibody.tree").BodyIndex(index))
+        for geometry_id in plant.GetCollisionGeometriesForBody(
+            plant.get_body(import_pydrake("multibody.tree").BodyIndex(index))
         )
     ]
-    if own:
+    if toe_geometries:
         declaration = geometry.CollisionFilterDeclaration().ExcludeBetween(
-            geometry.GeometrySet(own), geometry.GeometrySet(list(terrain))
+            geometry.GeometrySet(toe_geometries), geometry.GeometrySet(list(terrain))
         )
         scene.collision_filter_manager().Apply(declaration)
 
 
 def _add_toe(plant: Any, link: Any, contact: ExportedContact) -> None:
-    transform = pydrake("math").RigidTransform(np.array(contact.offset))
-    shape = pydrake("geometry").Sphere(contact.radius or POINT_RADIUS)
-    properties = _properties(_ROUGH, 2 * STIFFNESS)
+    transform = import_pydrake("math").RigidTransform(np.array(contact.offset))
+    shape = import_pydrake("geometry").Sphere(contact.radius or POINT_RADIUS)
+    properties = _build_properties(_ROUGH, 2 * STIFFNESS)
     name = f"toe of {contact.name}"
     plant.RegisterCollisionGeometry(link, transform, shape, name, properties)

@@ -13,7 +13,7 @@ from climbplan.arrays import Array
 from climbplan.simulation.drake.contacts import ContactLog
 from climbplan.simulation.drake.controller import Controller, interpolate
 from climbplan.simulation.drake.exported import ExportedMotion
-from climbplan.simulation.drake.plant import Plant, pydrake
+from climbplan.simulation.drake.plant import Plant, import_pydrake
 from climbplan.simulation.drake.settings import Settings
 
 FALLEN = 0.15  # [m] of the base from its planned place
@@ -50,12 +50,12 @@ def play(
     system, recording = plant.plant, Recording()
     contacts = ContactLog(plant, motion)
     context = system.GetMyMutableContextFromRoot(root)
-    simulator = pydrake("systems.analysis").Simulator(plant.diagram, root)
+    simulator = import_pydrake("systems.analysis").Simulator(plant.diagram, root)
     positions = [joint.position_start() for joint in plant.joints]
     state_port = system.get_desired_state_input_port(plant.model)
     torque_port = system.get_actuation_input_port(plant.model)
     net_torque = system.get_net_actuation_output_port(plant.model)
-    rest = np.zeros(len(positions))
+    zero_velocity = np.zeros(len(positions))
     begin, end = float(motion.time[0]), float(motion.time[-1])
     steps = int(np.ceil((end - begin) / settings.control_period - 1e-9))
     sampled = max(1, round(SAMPLE_PERIOD / settings.control_period))
@@ -65,7 +65,7 @@ def play(
         angles = system.GetPositions(context)[positions]
         command = controller.command(now, angles)
         added = interpolate(motion.time, motion.effort + motion.gravity, now)
-        state_port.FixValue(context, np.concatenate([command, rest]))
+        state_port.FixValue(context, np.concatenate([command, zero_velocity]))
         torque_port.FixValue(context, added)
         try:
             simulator.AdvanceTo((step + 1) * settings.control_period)
@@ -79,11 +79,11 @@ def play(
             recording.torque.append(net_torque.Eval(context).copy())
             recording.force.append(contacts.force.copy())
             progress((step + 1) / steps)
-            away, turned = np.linalg.norm(recording.departure[-1]), recording.turned[-1]
-            if away > FALLEN or turned > TUMBLED:
+            away, tilt = np.linalg.norm(recording.departure[-1]), recording.turned[-1]
+            if away > FALLEN or tilt > TUMBLED:
                 recording.fall_time = after
                 recording.fall_words = (
-                    f"{1e3 * away:.0f} mm and {np.rad2deg(turned):.0f} degrees off its plan"
+                    f"{1e3 * away:.0f} mm and {np.rad2deg(tilt):.0f} degrees off its plan"
                 )
                 break
     contacts.finish(recording.time[-1] if recording.time else begin)
@@ -99,8 +99,8 @@ def _record(
     planned = interpolate(motion.time, motion.base_position, time)
     x, y, z, w = interpolate(motion.time, motion.base_quaternion, time)
     unit = np.array([w, x, y, z]) / np.linalg.norm([w, x, y, z])
-    turn = pydrake("common.eigen_geometry").Quaternion(unit)
-    planned_turn = pydrake("math").RotationMatrix(turn)
+    turn = import_pydrake("common.eigen_geometry").Quaternion(unit)
+    planned_turn = import_pydrake("math").RotationMatrix(turn)
     between = planned_turn.inverse().multiply(pose.rotation())
     recording.time.append(time)
     recording.departure.append(pose.translation() - planned)

@@ -40,7 +40,7 @@ class Run:
     version: str  # of Drake
 
 
-def report_dict(run: Run) -> dict[str, Any]:
+def build_report(run: Run) -> dict[str, Any]:
     """Return the run as plain values for JSON; lengths in mm, angles in degrees, forces in N."""
     recording, compared = run.recording, run.comparison
     worst = int(np.argmax(compared.distance))
@@ -73,14 +73,14 @@ def report_dict(run: Run) -> dict[str, Any]:
             "max_deg": float(np.rad2deg(compared.angle.max())),
         },
         "torque": {
-            "median_error": _median(compared.torque_error),
-            "max_error": _max(compared.torque_error),
-            "median_error_all_motors": _median(compared.all_torque_error),
+            "median_error": _compute_median(compared.torque_error),
+            "max_error": _compute_max(compared.torque_error),
+            "median_error_all_motors": _compute_median(compared.all_torque_error),
             "share_of_time_at_limit": compared.at_limit,
         },
         "force": {
-            "median_error": _median(compared.force_error),
-            "max_error": _max(compared.force_error),
+            "median_error": _compute_median(compared.force_error),
+            "max_error": _compute_max(compared.force_error),
         },
         "slips": [asdict(slip) for slip in run.contacts.slips],
         "lost_contacts": [asdict(lost) for lost in run.contacts.lost],
@@ -88,7 +88,7 @@ def report_dict(run: Run) -> dict[str, Any]:
             asdict(contact)
             for contact in sorted(run.contacts.links.values(), key=lambda c: c.first_time)
         ],
-        "planned_penetrations": [asdict(found) for found in run.penetrations],
+        "planned_penetrations": [asdict(penetration) for penetration in run.penetrations],
         "gravity_torque_difference": run.gravity_difference,
         "mass": {"planned_kg": run.mass, "urdf_kg": run.plant.mass},
         "urdf_warnings": list(run.plant.urdf_warnings),
@@ -98,7 +98,7 @@ def report_dict(run: Run) -> dict[str, Any]:
     }
 
 
-def headline(report: Mapping[str, Any]) -> str:
+def summarise_run(report: Mapping[str, Any]) -> str:
     """Return the run in one line."""
     if report["fell"]:
         return f"Drake: falls at {report['fall_time']:.2f} s, {report['fall']}"
@@ -106,7 +106,7 @@ def headline(report: Mapping[str, Any]) -> str:
     return f"Drake: stands, {slips} slips, {lost} lost contacts"
 
 
-def failure(report: Mapping[str, Any], most_slips: int) -> str:
+def explain_failure(report: Mapping[str, Any], most_slips: int) -> str:
     """Return why the plan does not hold in Drake, "" if it does.
 
     most_slips: slips and lost contacts together that are let pass.
@@ -122,15 +122,15 @@ def failure(report: Mapping[str, Any], most_slips: int) -> str:
     return ""
 
 
-def lines(report: Mapping[str, Any]) -> list[str]:
+def format_lines(report: Mapping[str, Any]) -> list[str]:
     """Return the run's numbers for a terminal, a line each."""
     body, torque, force = report["body"], report["torque"], report["force"]
     out = [
         f"body     {body['end_mm']:.1f} mm and {body['end_deg']:.2f} deg off at the end",
         f"         {body['max_mm']:.1f} mm (at {body['max_mm_time']:.1f} s) at most",
         *(
-            f"{name:8s} {_percent(of['median_error'])} off (median), at most "
-            + _percent(of["max_error"])
+            f"{name:8s} {_format_percent(of['median_error'])} off (median), at most "
+            + _format_percent(of["max_error"])
             for name, of in (("torque", torque), ("force", force))
         ),
     ]
@@ -153,7 +153,7 @@ def lines(report: Mapping[str, Any]) -> list[str]:
         for p in report["planned_penetrations"]
     ]
     if report["gravity_torque_difference"] > MAX_GRAVITY_DIFFERENCE:
-        difference = _percent(report["gravity_torque_difference"])
+        difference = _format_percent(report["gravity_torque_difference"])
         out.append(f"gravity  exported torques are {difference} of a motor's limit off Drake's")
     mass = report["mass"]
     if abs(mass["planned_kg"] - mass["urdf_kg"]) > 1e-6 * mass["urdf_kg"]:
@@ -165,12 +165,12 @@ def lines(report: Mapping[str, Any]) -> list[str]:
     for limb in report["toes_replaced_by_spheres"]:
         out.append(f"toe      {limb}: a sphere in place of the link's collision geometry")
     out += [f"ignored  {pair} overlap at the start" for pair in report["overlapping_links"]]
-    out += [f"left out {part}" for part in report["terrain_left_out"]]
+    out += [f"left out {omission}" for omission in report["terrain_left_out"]]
     out.append(f"engine   {report['cpu_seconds_per_second']:.2f} s of CPU a simulated second")
     return out
 
 
-def table(run: Run) -> str:
+def format_table(run: Run) -> str:
     """Return a CSV, one row a recorded sample."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")
@@ -195,15 +195,15 @@ def table(run: Run) -> str:
     return stream.getvalue()
 
 
-def _median(values: Array) -> float | None:
-    there = values[np.isfinite(values)]
-    return float(np.median(there)) if there.size else None
+def _compute_median(values: Array) -> float | None:
+    finite_values = values[np.isfinite(values)]
+    return float(np.median(finite_values)) if finite_values.size else None
 
 
-def _max(values: Array) -> float | None:
-    there = values[np.isfinite(values)]
-    return float(there.max()) if there.size else None
+def _compute_max(values: Array) -> float | None:
+    finite_values = values[np.isfinite(values)]
+    return float(finite_values.max()) if finite_values.size else None
 
 
-def _percent(value: float | None) -> str:
+def _format_percent(value: float | None) -> str:
     return "nothing to compare" if value is None else f"{100 * value:.1f} %"

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import trimesh
 
 from climbplan.errors import UsageError
-from climbplan.schema.robots.urdf.meshes import mesh_path
+from climbplan.schema.robots.urdf.meshes import find_mesh
 from climbplan.schema.robots.xml import UrdfFault
 
 _WORLD = "world"
@@ -65,7 +65,7 @@ def _write_hull(
     name: str, urdf: Path, packages: Mapping[str, str], directory: Path, number: int
 ) -> str:
     try:
-        source = mesh_path(name, urdf, packages, urdf.parent)
+        source = find_mesh(name, urdf, packages, urdf.parent)
     except UrdfFault as fault:
         raise UsageError(
             f"--engine drake: {fault.message}; give the robot's file with --urdf FILE"

@@ -21,8 +21,8 @@ from climbplan.simulation.drake.controller import (
     RegulatedController,
 )
 from climbplan.simulation.drake.exported import ExportedMotion, read_motion
-from climbplan.simulation.drake.planned_penetration import planned_penetrations
-from climbplan.simulation.drake.plant import Plant, build_plant, pydrake
+from climbplan.simulation.drake.planned_penetration import find_planned_penetrations
+from climbplan.simulation.drake.plant import Plant, build_plant, import_pydrake
 from climbplan.simulation.drake.playing import play
 from climbplan.simulation.drake.report import Run
 from climbplan.simulation.drake.robot_document import write_robot_document
@@ -32,7 +32,7 @@ from climbplan.simulation.drake.terrain import read_terrain
 SAMPLES = 100  # postures that are compared, at most
 
 
-def gravity_difference(plant: Plant, root: Any, motion: ExportedMotion) -> float:
+def compute_gravity_difference(plant: Plant, root: Any, motion: ExportedMotion) -> float:
     """Return the largest difference, as a fraction of the motors' torque limits.
 
     The robot is at the plan's first sample afterwards.
@@ -105,7 +105,7 @@ def simulate_exported(
         MissingSolver: Drake is not installed.
         UsageError: the robot is not from a URDF, or a mesh of it is not found.
     """
-    version = str(pydrake("common").__dict__.get("__version__", "")) or _version()
+    version = str(import_pydrake("common").__dict__.get("__version__", "")) or _read_version()
     stored = read_stored_urdf(plan)
     motion = read_motion(directory)
     solids, left_out = read_terrain(plan)
@@ -119,8 +119,8 @@ def simulate_exported(
         plant = build_plant(motion, document, solids, stored.gravity, settings)
         root = plant.create_context(motion, stored.mass)
         ignored = plant.ignore_overlaps(root)
-        penetrations = planned_penetrations(plant, root, motion)
-        weights = gravity_difference(plant, root, motion)
+        penetrations = find_planned_penetrations(plant, root, motion)
+        weights = compute_gravity_difference(plant, root, motion)
         recording, contacts = play(plant, root, motion, controller, settings, progress)
     compared = compare(recording, motion, stored.mass * stored.gravity)
     return Run(
@@ -139,7 +139,7 @@ def simulate_exported(
     )
 
 
-def _version() -> str:
+def _read_version() -> str:
     from importlib.metadata import version
 
     return version("drake")

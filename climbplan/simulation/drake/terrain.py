@@ -31,11 +31,14 @@ class TerrainSolid:
         if len(self.corners) != _BOX_CORNERS:
             return None
         middle = self.corners.mean(axis=0)
-        away = self.corners - self.corners[0]
-        nearest = away[np.argsort((away**2).sum(axis=1))[1:]]
+        offsets = self.corners - self.corners[0]
+        nearest = offsets[np.argsort((offsets**2).sum(axis=1))[1:]]
         edges = [nearest[0]]
         for edge in nearest[1:]:
-            square = all(abs(edge @ other) < _SQUARE * _lengths(edge, other) for other in edges)
+            square = all(
+                abs(edge @ known_edge) < _SQUARE * _multiply_lengths(edge, known_edge)
+                for known_edge in edges
+            )
             if square and len(edges) < 3:
                 edges.append(edge)
         if len(edges) < 3:
@@ -47,7 +50,7 @@ class TerrainSolid:
         return (axes, middle, size) if np.abs(inside).max() < _ON_FACE else None
 
 
-def _lengths(first: Array, second: Array) -> float:
+def _multiply_lengths(first: Array, second: Array) -> float:
     return float(np.linalg.norm(first) * np.linalg.norm(second))
 
 
@@ -62,56 +65,57 @@ def read_terrain(plan: Path) -> tuple[tuple[TerrainSolid, ...], tuple[str, ...]]
         surfaces = [terrain["surfaces"][key] for key in sorted(terrain["surfaces"])]
         obstacles = [terrain["obstacles"][key] for key in sorted(terrain["obstacles"])]
         friction = min(float(surface.attrs["friction"]) for surface in surfaces)
-        frictions = {_text(obstacle): friction for obstacle in obstacles}
+        frictions = {_read_name(obstacle): friction for obstacle in obstacles}
         solids = []
         for surface in surfaces:
-            if _attribute(surface, "kind") == "tube":
-                solids += _staves(surface)
+            if _read_attribute(surface, "kind") == "tube":
+                solids += _build_staves(surface)
                 continue
             face = next((o for o in obstacles if _is_face(surface, o)), None)
             if face is None:
-                solids.append(_plate(surface))
+                solids.append(_build_plate(surface))
             else:
-                frictions[_text(face)] = float(surface.attrs["friction"])
+                frictions[_read_name(face)] = float(surface.attrs["friction"])
         solids += [
-            TerrainSolid(_text(o), o["vertices"][()], frictions[_text(o)]) for o in obstacles
+            TerrainSolid(_read_name(o), o["vertices"][()], frictions[_read_name(o)])
+            for o in obstacles
         ]
         left_out = ("what a scan has between its flat regions",) if "scan" in terrain else ()
     return tuple(solids), left_out
 
 
-def _attribute(group: Any, name: str) -> str:
+def _read_attribute(group: Any, name: str) -> str:
     value = group.attrs[name]
     return value.decode("utf-8") if isinstance(value, bytes) else str(value)
 
 
-def _text(group: Any) -> str:
-    return _attribute(group, "name")
+def _read_name(group: Any) -> str:
+    return _read_attribute(group, "name")
 
 
-def _face_corners(surface: Any) -> Array:
-    """(V, 3) corners of the material's face; stored ones are where centres of feet stand."""
+def _compute_face_corners(surface: Any) -> Array:
+    """Return (V, 3) corners of the material's face; stored ones are where centres of feet stand."""
     standoff = float(surface.attrs.get("standoff", 0.0))
     return np.asarray(surface["vertices"][()] - standoff * surface["normal"][()])
 
 
-def _plate(surface: Any) -> TerrainSolid:
-    face = _face_corners(surface)
+def _build_plate(surface: Any) -> TerrainSolid:
+    face = _compute_face_corners(surface)
     behind = face - THICKNESS * surface["normal"][()]
     return TerrainSolid(
-        _text(surface), np.concatenate([face, behind]), float(surface.attrs["friction"])
+        _read_name(surface), np.concatenate([face, behind]), float(surface.attrs["friction"])
     )
 
 
 def _is_face(surface: Any, obstacle: Any) -> bool:
-    distance = _face_corners(surface) @ obstacle["A"][()].T - obstacle["b"][()]  # (V, F)
+    distance = _compute_face_corners(surface) @ obstacle["A"][()].T - obstacle["b"][()]  # (V, F)
     on_face = np.abs(distance).max(axis=0) < _ON_FACE
     outward = obstacle["A"][()] @ surface["normal"][()] > 0
     return bool((distance < _ON_FACE).all() and (on_face & outward).any())
 
 
-def _staves(tube: Any) -> list[TerrainSolid]:
-    """Plates that touch the inside of a tube about z in their middles."""
+def _build_staves(tube: Any) -> list[TerrainSolid]:
+    """Return plates that touch the inside of a tube about z in their middles."""
     standoff = float(tube.attrs.get("standoff", 0.0))
     radius = float(tube.attrs["radius"]) + standoff
     low, high = (float(tube.attrs[end]) for end in ("lower", "upper"))
@@ -119,10 +123,10 @@ def _staves(tube: Any) -> list[TerrainSolid]:
     half = radius * np.tan(np.pi / _STAVES)
     built = []
     for angle in np.arange(_STAVES) * 2 * np.pi / _STAVES:
-        out = np.array([np.cos(angle), np.sin(angle), 0.0])
-        across = np.array([-out[1], out[0], 0.0])
+        outward = np.array([np.cos(angle), np.sin(angle), 0.0])
+        tangent = np.array([-outward[1], outward[0], 0.0])
         corners = [
-            center + depth * out + side * across + [0.0, 0.0, z]
+            center + depth * outward + side * tangent + [0.0, 0.0, z]
             for depth in (radius, radius + THICKNESS)
             for side in (-half, half)
             for z in (low, high)

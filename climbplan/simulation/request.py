@@ -1,4 +1,4 @@
-"""What a simulation is asked for beside the nominal run."""
+"""The options of a simulation."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ Engine = Literal["mujoco", "statics"]
 
 
 @dataclass(frozen=True)
-class Asked:
-    """What a simulation is to do beside the nominal run."""
+class SimulationRequest:
+    """A request for the nominal run, and for what is to be simulated in addition to it."""
 
     conditions: Conditions
     runs: int = 0  # in random worlds, of each swept value
     sweep_key: str = ""
     sweep_values: tuple[float, ...] = ()
-    most_backlash: float = 0.0  # [rad] of random worlds
+    max_backlash: float = 0.0  # [rad] of random worlds
     seed: int = 0
     jobs: int = 1
     pictures: bool = True

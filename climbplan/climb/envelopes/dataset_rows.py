@@ -15,18 +15,18 @@ from typing import Any, Literal
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.climb.envelopes.distribution import terrains_of
+from climbplan.climb.envelopes.distribution import build_distribution
 from climbplan.climb.envelopes.legs import Legs
 from climbplan.climb.envelopes.relaxation import solve_relaxed
-from climbplan.climb.envelopes.rows import Rows, linear_point
+from climbplan.climb.envelopes.rows import Rows, find_linear_point
 from climbplan.climb.envelopes.search import find_posture
-from climbplan.climb.envelopes.statement import PostureStatement, posture_statement
+from climbplan.climb.envelopes.statement import PostureStatement, build_posture_statement
 from climbplan.climb.envelopes.terrains import CORNERS, Patches, TerrainDistribution
 from climbplan.climb.schema.terrains_dataset import TerrainsProblemSpec
 from climbplan.errors import LimitReached, PlanFileError, UsageError
 from climbplan.program.instance import Instance
 from climbplan.robots.model import Robot
-from climbplan.store.dataset import Dataset, DatasetFrame, solution_layout
+from climbplan.store.dataset import Dataset, DatasetFrame, build_solution_layout
 from climbplan.store.dataset_row import RowAnswer
 
 KIND = "terrains"
@@ -51,9 +51,9 @@ class TerrainRows:
     def __init__(self, spec: TerrainsProblemSpec, robot: Robot) -> None:
         """The robot stands on the limbs that the spec's distribution names."""
         self._spec = spec
-        self._terrains = terrains_of(spec.terrain, robot)
-        self._statement = posture_statement(self._terrains.legs)
-        self._frame = frame_of(self._terrains)
+        self._terrains = build_distribution(spec.terrain, robot)
+        self._statement = build_posture_statement(self._terrains.legs)
+        self._frame = build_frame(self._terrains)
 
     @property
     def frame(self) -> DatasetFrame:
@@ -61,63 +61,64 @@ class TerrainRows:
         return self._frame
 
     def draw(self, rng: np.random.Generator) -> DecidedTerrain:
-        """A decided terrain; raises LimitReached if none of the row's label was found in time.
+        """Return a decided terrain; raises LimitReached if none of the row's label was found in
+        time.
 
         Terrains that do not even allow a balance of forces are passed over. One that stays
         undecided, or is infeasible though its relaxation is not, is taken as it is.
         """
         spec, statement = self._spec, self._statement
         begin = time.perf_counter()
-        wanted = bool(rng.random() < spec.share_feasible)
-        for tried in range(1, spec.attempts + 1):
+        wants_feasible = bool(rng.random() < spec.share_feasible)
+        for num_tried in range(1, spec.attempts + 1):
             if time.perf_counter() - begin > spec.solver.time_limit:
                 raise LimitReached(f"no such terrain within {spec.solver.time_limit:g} s")
             patches = self._terrains.sample(rng)
             theta = statement.theta(patches)
             root = solve_relaxed(statement.legs, patches, theta["force"], theta["moment"])
-            if (root is not None) != wanted:
+            if (root is not None) != wants_feasible:
                 continue
-            linear = linear_point(statement.program.instantiate(theta))
+            linear = find_linear_point(statement.program.instantiate(theta))
             if linear is None:
                 continue
             if root is None:
-                spent = time.perf_counter() - begin
-                return DecidedTerrain(patches, "infeasible", linear, 1, tried, spent)
+                duration = time.perf_counter() - begin
+                return DecidedTerrain(patches, "infeasible", linear, 1, num_tried, duration)
             answer = find_posture(statement, patches, nodes=spec.solver.nodes)
             x = linear if answer.status == "infeasible" else answer.x
-            spent = time.perf_counter() - begin
-            return DecidedTerrain(patches, answer.status, x, answer.nodes, tried, spent)
+            duration = time.perf_counter() - begin
+            return DecidedTerrain(patches, answer.status, x, answer.nodes, num_tried, duration)
         raise LimitReached(f"no such terrain among {spec.attempts}")
 
-    def parameters(self, drawn: DecidedTerrain) -> Array:
-        """Vertices, normals and friction coefficients."""
-        return drawn.patches.vector()
+    def parameters(self, terrain: DecidedTerrain) -> Array:
+        """Return vertices, normals and friction coefficients."""
+        return terrain.patches.vector()
 
-    def solve(self, drawn: DecidedTerrain) -> RowAnswer:
-        """The label with its point."""
-        found: dict[str, Any] | None = None
-        if drawn.x is not None:
-            found = {name: self._statement.program.value(name, drawn.x) for name in BLOCKS}
-            found["nodes"] = np.asarray(drawn.nodes)
-        words = {
+    def solve(self, terrain: DecidedTerrain) -> RowAnswer:
+        """Return the label with its point."""
+        point_values: dict[str, Any] | None = None
+        if terrain.x is not None:
+            point_values = {name: self._statement.program.value(name, terrain.x) for name in BLOCKS}
+            point_values["nodes"] = np.asarray(terrain.nodes)
+        messages = {
             "feasible": "",
             "infeasible": "proved: no forces balance at any toes in the patches",
-            "limit": f"undecided after {drawn.nodes} nodes",
+            "limit": f"undecided after {terrain.nodes} nodes",
         }
-        feasible = drawn.status == "feasible"
+        feasible = terrain.status == "feasible"
         return RowAnswer(
-            status=drawn.status,
-            message=words[drawn.status],
-            solution=found if feasible else None,
-            evidence=None if feasible else found,
+            status=terrain.status,
+            message=messages[terrain.status],
+            solution=point_values if feasible else None,
+            evidence=None if feasible else point_values,
             integers=np.zeros(0, np.int64),
             objective=0.0 if feasible else np.nan,
-            time=drawn.seconds,
+            time=terrain.seconds,
         )
 
 
-def frame_of(terrains: TerrainDistribution) -> DatasetFrame:
-    """What rows of one distribution share."""
+def build_frame(terrains: TerrainDistribution) -> DatasetFrame:
+    """Return what rows of one distribution share."""
     legs = terrains.legs
     n = legs.count
     facts = {
@@ -141,18 +142,18 @@ def frame_of(terrains: TerrainDistribution) -> DatasetFrame:
         parameter_names=(*corners, *normals, *(f"{limb}_friction" for limb in legs.names)),
         integer_names=(),
         layouts={
-            "weight": solution_layout((n, CORNERS)),
-            "toe": solution_layout((n, 3), "P", "world"),
-            "force": solution_layout((n, 3), "weight", "world"),
-            "com": solution_layout((3,), "P", "world"),
-            "rpy": solution_layout((3,), "rad"),
-            "nodes": solution_layout((), kind="int"),
+            "weight": build_solution_layout((n, CORNERS)),
+            "toe": build_solution_layout((n, 3), "P", "world"),
+            "force": build_solution_layout((n, 3), "weight", "world"),
+            "com": build_solution_layout((3,), "P", "world"),
+            "rpy": build_solution_layout((3,), "rad"),
+            "nodes": build_solution_layout((), kind="int"),
         },
     )
 
 
-def statement_of(frame: DatasetFrame, path: Path) -> PostureStatement:
-    """Problem P of a dataset's limbs; raises PlanFileError for facts that are not of limbs."""
+def build_statement(frame: DatasetFrame, path: Path) -> PostureStatement:
+    """Return problem P of a dataset's limbs; raises PlanFileError for facts that are not of limbs."""
     facts = frame.facts
     try:
         legs = Legs(
@@ -173,11 +174,11 @@ def statement_of(frame: DatasetFrame, path: Path) -> PostureStatement:
         "nodes",
     }:
         raise PlanFileError(f"{path}: its columns are not those of terrains of {n} limbs")
-    return posture_statement(legs)
+    return build_posture_statement(legs)
 
 
-def point_of(statement: PostureStatement, data: Dataset, row: int) -> Array:
-    """The point (n,) that a row holds, NaN where it has none."""
+def read_point(statement: PostureStatement, data: Dataset, row: int) -> Array:
+    """Return the point (n,) that a row holds, NaN where it has none."""
     x = np.empty(max(block.stop for block in statement.program.variables.values()))
     for name in BLOCKS:
         block = statement.program.variables[name]
@@ -185,17 +186,17 @@ def point_of(statement: PostureStatement, data: Dataset, row: int) -> Array:
     return x
 
 
-def linear_violation(instance: Instance, x: Array) -> float:
-    """How far a point misses the bounds and those rows of P that have no products."""
+def compute_linear_violation(instance: Instance, x: Array) -> float:
+    """Return how far a point misses the bounds and those rows of P that have no products."""
     free = np.diff(instance.Q.indptr) == 0
     row = (instance.A @ x)[free]
-    parts = (
+    residuals = (
         instance.row_lower[free] - row,
         row - instance.row_upper[free],
         instance.lower - x,
         x - instance.upper,
     )
-    return max(float(part.max(initial=0.0)) for part in parts)
+    return max(float(residual.max(initial=0.0)) for residual in residuals)
 
 
 @dataclass(frozen=True)
@@ -206,13 +207,13 @@ class LabelledRows:
     held_out: Rows
 
 
-def labelled_rows(data: Dataset, path: Path, terrains: TerrainDistribution) -> LabelledRows:
-    """The decided rows of a dataset, by its masks.
+def read_labelled_rows(data: Dataset, path: Path, terrains: TerrainDistribution) -> LabelledRows:
+    """Return the decided rows of a dataset, by its masks.
 
     Raises UsageError for a dataset of something else, without masks, or with a mask that lacks
     feasible or infeasible rows.
     """
-    if data.frame != frame_of(terrains):
+    if data.frame != build_frame(terrains):
         raise UsageError(
             f"{path}: a dataset of {data.frame.problem!r}, which is not the spec's distribution "
             f"({terrains.name}) with its limbs and ranges"
@@ -220,12 +221,12 @@ def labelled_rows(data: Dataset, path: Path, terrains: TerrainDistribution) -> L
     if data.train is None or data.test is None:
         raise UsageError(f"{path}: no split into train and test: climbplan data split {path}")
     return LabelledRows(
-        _rows(data, np.flatnonzero(data.train), f"{path}: train"),
-        _rows(data, np.flatnonzero(data.test), f"{path}: test"),
+        _select_rows(data, np.flatnonzero(data.train), f"{path}: train"),
+        _select_rows(data, np.flatnonzero(data.test), f"{path}: test"),
     )
 
 
-def _rows(data: Dataset, chosen: IntArray, place: str) -> Rows:
+def _select_rows(data: Dataset, chosen: IntArray, place: str) -> Rows:
     decided = np.array([data.status[k] in ("feasible", "infeasible") for k in chosen], bool)
     rows = chosen[decided]
     feasible = data.feasible[rows]

@@ -6,16 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.climb.envelopes.terrains import TerrainDistribution, distribution
+from climbplan.climb.envelopes.terrains import TerrainDistribution, select_distribution
 from climbplan.climb.schema.envelopes import EnvelopeTerrainSpec
 from climbplan.robots.model import Robot
 from climbplan.robots.task_robot import with_stance
 
 
-def terrains_of(spec: EnvelopeTerrainSpec, robot: Robot) -> TerrainDistribution:
-    """A named distribution with the spec's limbs and ranges."""
+def build_distribution(spec: EnvelopeTerrainSpec, robot: Robot) -> TerrainDistribution:
+    """Return a named distribution with the spec's limbs and ranges."""
     return replace(
-        distribution(spec.distribution, with_stance(robot, spec.stance), spec.limbs),
+        select_distribution(spec.distribution, with_stance(robot, spec.stance), spec.limbs),
         tilt=float(np.deg2rad(spec.tilt_deg)),
         jitter=spec.jitter,
         half_size=spec.half_size,

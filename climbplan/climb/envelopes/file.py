@@ -18,8 +18,8 @@ from climbplan.climb.envelopes.run import EnvelopeRun, FittedEnvelopes
 from climbplan.climb.schema.envelopes_loading import LoadedEnvelopes
 from climbplan.learning.envelope_box import Envelope
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_json
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_dataset, write_json
 from climbplan.store.root_attributes import Origin, write_root
 
 FORMAT = "climbplan/envelopes"
@@ -43,7 +43,7 @@ class StoredEnvelopes:
 
 def write_envelopes(run: EnvelopeRun, loaded: LoadedEnvelopes, path: Path) -> None:
     """Write all envelopes of a run; the file appears whole or not at all."""
-    with new_store(path) as file:
+    with create_store(path) as file:
         # There is nothing to verify: envelopes are fitted.
         origin = Origin(
             name=loaded.name,
@@ -61,12 +61,12 @@ def write_envelopes(run: EnvelopeRun, loaded: LoadedEnvelopes, path: Path) -> No
             objects={
                 "timings": run.timings,
                 "limb_names": list(run.limb_names),
-                "drawn": drawn(run),
+                "drawn": count_drawn(run),
             },
         )
         write_dataset(file, "fitness", run.fitness, _FITNESS)
         for fitted in run.fitted:
-            for name, envelope in named(fitted).items():
+            for name, envelope in name_envelopes(fitted).items():
                 group = file.create_group(f"envelopes/{name}")
                 write_dataset(group, "lower", envelope.lower, _BOX)
                 write_dataset(group, "upper", envelope.upper, _BOX)
@@ -75,8 +75,8 @@ def write_envelopes(run: EnvelopeRun, loaded: LoadedEnvelopes, path: Path) -> No
                 group.attrs["seconds"] = fitted.seconds
 
 
-def named(fitted: FittedEnvelopes) -> dict[str, Envelope]:
-    """Envelopes of a method by the names they have in files."""
+def name_envelopes(fitted: FittedEnvelopes) -> dict[str, Envelope]:
+    """Return envelopes of a method by the names they have in files."""
     several = len(fitted.envelopes) > 1
     return {
         f"{fitted.method}-{k + 1}" if several else fitted.method: envelope
@@ -84,8 +84,8 @@ def named(fitted: FittedEnvelopes) -> dict[str, Envelope]:
     }
 
 
-def drawn(run: EnvelopeRun) -> dict[str, dict[str, int]]:
-    """How many terrains were drawn, and what became of those without a row."""
+def count_drawn(run: EnvelopeRun) -> dict[str, dict[str, int]]:
+    """Return how many terrains were drawn, and what became of those without a row."""
     return {
         name: {"drawn": rows.drawn, "trivial": rows.trivial, "undecided": rows.undecided}
         for name, rows in (("training", run.training), ("held_out", run.held_out))
@@ -93,15 +93,15 @@ def drawn(run: EnvelopeRun) -> dict[str, dict[str, int]]:
 
 
 def read_envelopes(path: Path) -> StoredEnvelopes:
-    """The envelopes of a file; raises PlanFileError for another format or malformed data."""
-    with opened_store(path) as file:
+    """Return the envelopes of a file; raises PlanFileError for another format or malformed data."""
+    with open_store(path) as file:
         reader = Reader(path, file)
         if not reader.has_attribute("", "format") or reader.text("", "format") != FORMAT:
             raise reader.refuse(f"not a file of envelopes ({FORMAT})")
         names = reader.json("", "limb_names")
         if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
             raise reader.refuse("attribute limb_names is not a list of names")
-        found = {}
+        envelopes = {}
         measured: dict[str, dict[str, Mapping[str, Any]]] = {"validation": {}, "conditions": {}}
         for group in reader.members("envelopes"):
             method = group.rpartition("/")[2]
@@ -109,7 +109,7 @@ def read_envelopes(path: Path) -> StoredEnvelopes:
             upper = reader.array(f"{group}/upper", _BOX)
             if len(lower) != len(names) or (lower > upper).any():
                 raise reader.refuse(f"envelope {method!r} does not fit {len(names)} limbs")
-            found[method] = Envelope(lower, upper)
+            envelopes[method] = Envelope(lower, upper)
             for name, table in measured.items():
                 value = reader.json(group, name)
                 if not isinstance(value, dict):
@@ -118,7 +118,7 @@ def read_envelopes(path: Path) -> StoredEnvelopes:
         return StoredEnvelopes(
             tuple(names),
             reader.number("", "position_scale"),
-            found,
+            envelopes,
             reader.text("", "training_fingerprint"),
             reader.text("", "spec"),
             **measured,

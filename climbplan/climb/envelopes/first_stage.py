@@ -16,7 +16,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array, IntArray
-from climbplan.climb.envelopes.search import TOLERANCE, least_error
+from climbplan.climb.envelopes.search import TOLERANCE, minimise_product_error
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import Patches
 from climbplan.program.box import propagate_box
@@ -63,69 +63,71 @@ class FirstStage:
         lower, upper = instance.lower.copy(), instance.upper.copy()
         if manner != "published":
             corners = patches.vertices / statement.legs.length
-            at = columns[:, :3].ravel()
-            lower[at] = np.maximum(lower[at], corners.min(axis=1).ravel())
-            upper[at] = np.minimum(upper[at], corners.max(axis=1).ravel())
+            toe_columns = columns[:, :3].ravel()
+            lower[toe_columns] = np.maximum(lower[toe_columns], corners.min(axis=1).ravel())
+            upper[toe_columns] = np.minimum(upper[toe_columns], corners.max(axis=1).ravel())
         return cls(
             instance, LocalForm.of(instance), columns, Range(lower, upper), manner == "propagated"
         )
 
     def box(self, low: Array, high: Array) -> Range | None:
-        """Bounds of all variables within an envelope (N, 6) each, None if they cross."""
+        """Return bounds of all variables within an envelope (N, 6) each, None if they cross."""
         lower, upper = self.bounds.lower.copy(), self.bounds.upper.copy()
-        at = self.factors.ravel()
-        lower[at] = np.maximum(lower[at], low.ravel())
-        upper[at] = np.minimum(upper[at], high.ravel())
+        factor_columns = self.factors.ravel()
+        lower[factor_columns] = np.maximum(lower[factor_columns], low.ravel())
+        upper[factor_columns] = np.minimum(upper[factor_columns], high.ravel())
         if (lower > upper).any():
             return None
         return Range(lower, upper)
 
     def relaxed(self, low: Array, high: Array) -> Instance | None:
-        """P1 on a box as a linear instance, None if the box misses the terrain."""
+        """Return P1 on a box as a linear instance, None if the box misses the terrain."""
         box = self.box(low, high)
         if box is not None and self.propagate:
             box = self._propagated(box)
         return None if box is None else self.form.at(box)
 
     def _propagated(self, box: Range) -> Range | None:
-        """What interval propagation leaves of a box, None if nothing."""
-        found = propagate_box(replace(self.instance, lower=box.lower, upper=box.upper))
-        if (found.lower > found.upper + _CROSSED).any():
+        """Return what interval propagation leaves of a box, None if nothing."""
+        propagated_box = propagate_box(replace(self.instance, lower=box.lower, upper=box.upper))
+        if (propagated_box.lower > propagated_box.upper + _CROSSED).any():
             return None
-        return Range(found.lower, np.maximum(found.lower, found.upper))
+        return Range(propagated_box.lower, np.maximum(propagated_box.lower, propagated_box.upper))
 
     def solve(self, low: Array, high: Array, centre: Array | None = None) -> Array | None:
-        """A point of P1 (n,), None if it has none.
+        """Return a point of P1 (n,), None if it has none.
 
         centre: (N, 6); the point has the least 1-norm distance of its factors from there.
         """
         local = self.relaxed(low, high)
         if local is None:
             return None
-        found = solve_linear(_near(local, self.factors.ravel(), centre))
-        return None if found.x is None else found.x[: self.instance.size]
+        solution = solve_linear(_build_nearest_program(local, self.factors.ravel(), centre))
+        return None if solution.x is None else solution.x[: self.instance.size]
 
     def convex(self, x: Array) -> Array | None:
-        """P2 with toes kept: a point of P, None if no forces balance there."""
-        held = self.factors[:, :3].ravel()
-        found = least_error(self.instance, x, held)
-        if found is None or self.instance.violation(found[0]) > TOLERANCE:
+        """Return P2 with toes kept: a point of P, None if no forces balance there."""
+        toe_columns = self.factors[:, :3].ravel()
+        point_and_error = minimise_product_error(self.instance, x, toe_columns)
+        if point_and_error is None or self.instance.violation(point_and_error[0]) > TOLERANCE:
             return None
-        return found[0]
+        return point_and_error[0]
 
     def nlp(self, x: Array) -> Array | None:
-        """P2 by IPOPT from the point of P1."""
+        """Return P2 by IPOPT from the point of P1."""
         return solve_ipopt(self.instance, start=x, time_limit=_NLP_TIME).x
 
 
-def _near(local: Instance, at: IntArray, centre: Array | None) -> LinearProgram:
+def _build_nearest_program(
+    local: Instance, factor_columns: IntArray, centre: Array | None
+) -> LinearProgram:
     n = local.size
     if centre is None:
         return LinearProgram(
             np.zeros(n), local.lower, local.upper, local.A, local.row_lower, local.row_upper
         )
-    k = len(at)
-    pick = sparse.csr_matrix((np.ones(k), (np.arange(k), at)), shape=(k, n))
+    k = len(factor_columns)
+    pick = sparse.csr_matrix((np.ones(k), (np.arange(k), factor_columns)), shape=(k, n))
     eye = sparse.identity(k)
     A = sparse.bmat([[local.A, None], [pick, -eye], [pick, eye]]).tocsr()
     c = centre.ravel()

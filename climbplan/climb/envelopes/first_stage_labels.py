@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.envelopes.first_stage import FirstStage, Manner
 from climbplan.climb.envelopes.legs import Legs
-from climbplan.climb.envelopes.statement import posture_statement
+from climbplan.climb.envelopes.statement import build_posture_statement
 from climbplan.climb.envelopes.terrains import Patches
 from climbplan.learning.envelope_box import EnvelopeSet, FirstStageLabels
 
@@ -31,51 +31,55 @@ class LabelledTerrains:
     token: str  # equal ones are equal terrains
 
     def prepared(self) -> list[FirstStage]:
-        """P1 on every terrain, ready for any envelope."""
-        statement = posture_statement(self.legs)
+        """Return P1 on every terrain, ready for any envelope."""
+        statement = build_posture_statement(self.legs)
         return [
             FirstStage.of(statement, Patches.from_vector(row), self.manner) for row in self.terrain
         ]
 
 
-def labels_of(
+def build_labeller(
     terrains: LabelledTerrains, prepared: list[FirstStage], jobs: int = 1
 ) -> FirstStageLabels:
-    """Whether P1 has a solution on some terrains, for sets of envelopes, by `jobs` processes."""
+    """Return whether P1 has a solution on some terrains, for sets of envelopes, by `jobs`
+    processes.
+    """
     if jobs == 1:
-        return lambda sets, rows: [called(prepared, terrains.known, e, rows) for e in sets]
+        return lambda sets, rows: [label_rows(prepared, terrains.known, e, rows) for e in sets]
 
     def labels(sets: Sequence[EnvelopeSet], rows: IntArray) -> list[BoolArray]:
         parts = np.array_split(np.arange(len(sets)), min(jobs, len(sets)))
         from joblib import Parallel, delayed
 
-        work = (delayed(_share)(terrains, [sets[k] for k in part], rows) for part in parts)
+        work = (delayed(_label_share)(terrains, [sets[k] for k in chunk], rows) for chunk in parts)
         return [mask for masks in Parallel(n_jobs=jobs)(work) for mask in masks]
 
     return labels
 
 
-def called(
-    prepared: list[FirstStage], known: Array, envelopes: EnvelopeSet, rows: IntArray
+def label_rows(
+    prepared: list[FirstStage], feasible_points: Array, envelopes: EnvelopeSet, rows: IntArray
 ) -> BoolArray:
-    """Which of the rows P1 calls feasible with one of the envelopes."""
+    """Return which of the rows P1 calls feasible with one of the envelopes."""
     feasible = np.zeros(len(rows), bool)
     for e in envelopes:
-        points = known[rows]
+        points = feasible_points[rows]
         inside = (points >= e.lower) & (points <= e.upper)  # NaN is in no box
         feasible |= np.any(inside.all(axis=(2, 3)), axis=1)
-    for at in np.flatnonzero(~feasible):
-        stage = prepared[rows[at]]
-        feasible[at] = any(stage.solve(e.lower, e.upper) is not None for e in envelopes)
+    for row_index in np.flatnonzero(~feasible):
+        stage = prepared[rows[row_index]]
+        feasible[row_index] = any(stage.solve(e.lower, e.upper) is not None for e in envelopes)
     return feasible
 
 
 _prepared: dict[str, list[FirstStage]] = {}  # of a worker process: one set of terrains at a time
 
 
-def _share(terrains: LabelledTerrains, sets: list[EnvelopeSet], rows: IntArray) -> list[BoolArray]:
-    """A worker's share."""
+def _label_share(
+    terrains: LabelledTerrains, sets: list[EnvelopeSet], rows: IntArray
+) -> list[BoolArray]:
+    """Return a worker's share."""
     if terrains.token not in _prepared:
         _prepared.clear()
         _prepared[terrains.token] = terrains.prepared()
-    return [called(_prepared[terrains.token], terrains.known, e, rows) for e in sets]
+    return [label_rows(_prepared[terrains.token], terrains.known, e, rows) for e in sets]

@@ -12,7 +12,7 @@ from scipy import sparse
 from climbplan.arrays import Array
 from climbplan.climb.envelopes.first_stage import FirstStage, Manner
 from climbplan.climb.envelopes.rows import Rows
-from climbplan.climb.envelopes.search import least_error, without_products
+from climbplan.climb.envelopes.search import minimise_product_error, drop_products
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import TerrainDistribution
 from climbplan.learning.envelope_box import Envelope, EnvelopeSet
@@ -22,52 +22,60 @@ from climbplan.solvers.ipopt.instances import solve_ipopt
 _SEARCH_TIME = 2.0  # [s] of a local search for one point
 
 
-def drawn_to(stage: FirstStage, centre: Array, weight: Array) -> Instance:
-    """P with the cost sum of weight (factor - centre)^2; centre, weight: (N, 6)."""
-    instance, at = stage.instance, stage.factors.ravel()
+def build_projection(stage: FirstStage, centre: Array, weight: Array) -> Instance:
+    """Return P with the cost sum of weight (factor - centre)^2; centre, weight: (N, 6)."""
+    instance, factor_columns = stage.instance, stage.factors.ravel()
     w, c = weight.ravel(), centre.ravel()
     n = instance.size
-    P = sparse.csc_matrix((2.0 * w, (at, at)), shape=(n, n))
+    P = sparse.csc_matrix((2.0 * w, (factor_columns, factor_columns)), shape=(n, n))
     q = np.zeros(n)
-    q[at] = -2.0 * w * c
+    q[factor_columns] = -2.0 * w * c
     return replace(instance, P=P, q=q, constant=float(w @ c**2))
 
 
-def nearest_point(stage: FirstStage, start: Array, centre: Array, weight: Array) -> Array | None:
-    """A local optimum (N, 6) from the factors of a feasible point, None if IPOPT finds none."""
+def find_nearest_point(
+    stage: FirstStage, start: Array, centre: Array, weight: Array
+) -> Array | None:
+    """Return a local optimum (N, 6) from the factors of a feasible point, None if IPOPT finds none."""
     x = np.zeros(stage.instance.size)
     x[stage.factors.ravel()] = start.ravel()
-    found = solve_ipopt(drawn_to(stage, centre, weight), start=x, time_limit=_SEARCH_TIME).x
-    return None if found is None else found[stage.factors]
+    solution = solve_ipopt(
+        build_projection(stage, centre, weight), start=x, time_limit=_SEARCH_TIME
+    ).x
+    return None if solution is None else solution[stage.factors]
 
 
-def _within(stage: FirstStage, envelope: Envelope) -> Instance | None:
+def _restrict_to_box(stage: FirstStage, envelope: Envelope) -> Instance | None:
     box = stage.box(envelope.lower, envelope.upper)
     if box is None:
         return None
     return replace(stage.instance, lower=box.lower, upper=box.upper)
 
 
-def holds_point(stage: FirstStage, envelope: Envelope, x: Array | None = None) -> bool:
-    """Whether a point of P was found in the box; False proves nothing.
+def contains_point(stage: FirstStage, envelope: Envelope, x: Array | None = None) -> bool:
+    """Return whether a point of P was found in the box; False proves nothing.
 
     x: a point of P1 to start from, found if left out.
     """
     if x is None:
         x = stage.solve(envelope.lower, envelope.upper, (envelope.lower + envelope.upper) / 2)
-    boxed = _within(stage, envelope)
+    boxed = _restrict_to_box(stage, envelope)
     if x is None or boxed is None:
         return False
     return solve_ipopt(boxed, start=x, time_limit=_SEARCH_TIME).x is not None
 
 
-def holds_linear_point(stage: FirstStage, envelope: Envelope) -> bool:
-    """Whether P without its bilinear rows has a point in the box: a linear program, so exact."""
-    boxed = _within(stage, envelope)
+def contains_linear_point(stage: FirstStage, envelope: Envelope) -> bool:
+    """Return whether P without its bilinear rows has a point in the box: a linear program, so
+    exact.
+    """
+    boxed = _restrict_to_box(stage, envelope)
     if boxed is None:
         return False
-    nothing = np.zeros(0)
-    return least_error(without_products(boxed), nothing, np.zeros(0, np.int64)) is not None
+    no_factors = np.zeros(0)
+    return (
+        minimise_product_error(drop_products(boxed), no_factors, np.zeros(0, np.int64)) is not None
+    )
 
 
 Method = Literal["clustering", "genetic", "heuristic"]
@@ -75,33 +83,33 @@ _RECENTRINGS = 2
 _LEAST_SPREAD = 0.02  # of a factor, below which it counts as this
 
 
-def stages(statement: PostureStatement, rows: Rows, manner: Manner) -> list[FirstStage]:
-    """P1 on every terrain, ready for any envelope."""
+def prepare_stages(statement: PostureStatement, rows: Rows, manner: Manner) -> list[FirstStage]:
+    """Return P1 on every terrain, ready for any envelope."""
     return [FirstStage.of(statement, rows.patches(k), manner) for k in range(len(rows.terrain))]
 
 
-def recentred(
+def recentre_points(
     rows: Rows,
     prepared: list[FirstStage],
     report: Callable[[float], None] | None = None,
     times: int = _RECENTRINGS,
 ) -> Rows:
-    """The rows with each feasible point moved, within its feasible set, towards the median."""
+    """Return the rows with each feasible point moved, within its feasible set, towards the median."""
     point = rows.point.copy()
-    which = np.flatnonzero(rows.feasible)
-    for turn in range(times):
-        centre = np.median(point[which], axis=0)
-        weight = 1.0 / np.maximum(point[which].std(axis=0), _LEAST_SPREAD) ** 2
-        for done, k in enumerate(which):
-            found = nearest_point(prepared[k], point[k], centre, weight)
-            point[k] = point[k] if found is None else found
+    feasible_rows = np.flatnonzero(rows.feasible)
+    for iteration in range(times):
+        centre = np.median(point[feasible_rows], axis=0)
+        weight = 1.0 / np.maximum(point[feasible_rows].std(axis=0), _LEAST_SPREAD) ** 2
+        for done, k in enumerate(feasible_rows):
+            recentred_point = find_nearest_point(prepared[k], point[k], centre, weight)
+            point[k] = point[k] if recentred_point is None else recentred_point
             if report is not None:
-                report((turn + (done + 1) / len(which)) / times)
+                report((iteration + (done + 1) / len(feasible_rows)) / times)
     return replace(rows, point=point)
 
 
-def heuristic(terrains: TerrainDistribution) -> Envelope:
-    """The published expert's bounds: workspaces for toes, known force profiles for forces.
+def build_heuristic_envelope(terrains: TerrainDistribution) -> Envelope:
+    """Return the published expert's bounds: workspaces for toes, known force profiles for forces.
 
     Walls: pressure 0 to 0.9, level shear within 0.3, upright shear 0 to 0.4. Ground: pressure 0 to
     0.5, shear within 0.15.
@@ -155,25 +163,27 @@ class Measured:
 
 
 def measure(envelopes: EnvelopeSet, rows: Rows, prepared: list[FirstStage]) -> Measured:
-    """The validation table's row, and conditions 1 to 3 of the union of boxes.
+    """Return the validation table's row, and conditions 1 to 3 of the union of boxes.
 
     With several envelopes P1 is feasible where it is with one. (2) is by linear programs, exact.
     """
     called: list[bool] = []
     convex, nlp, meets, excludes, projects = [], [], [], [], []
     for k, stage in enumerate(prepared):
-        found = [(e, stage.solve(e.lower, e.upper, (e.lower + e.upper) / 2)) for e in envelopes]
-        points = [(e, x) for e, x in found if x is not None]
+        first_stage_points = [
+            (e, stage.solve(e.lower, e.upper, (e.lower + e.upper) / 2)) for e in envelopes
+        ]
+        points = [(e, x) for e, x in first_stage_points if x is not None]
         called.append(bool(points))
         if not rows.feasible[k]:
-            excludes.append(not any(holds_linear_point(stage, e) for e in envelopes))
+            excludes.append(not any(contains_linear_point(stage, e) for e in envelopes))
             continue
         projected = [(e, stage.convex(x)) for e, x in points]
         hits = [(e, x) for e, x in projected if x is not None]
         convex.append(bool(hits))
         nlp.append(bool(hits) or any(stage.nlp(x) is not None for _, x in points))
-        inside = any(e.holds(x[stage.factors][None])[0] for e, x in hits)
-        meets.append(inside or any(holds_point(stage, e, x) for e, x in points))
+        inside = any(e.contains(x[stage.factors][None])[0] for e, x in hits)
+        meets.append(inside or any(contains_point(stage, e, x) for e, x in points))
         if points:
             projects.append(len(hits) == len(points))
     is_feasible = np.array(called)
@@ -194,6 +204,6 @@ def measure(envelopes: EnvelopeSet, rows: Rows, prepared: list[FirstStage]) -> M
     )
 
 
-def training_points(rows: Rows) -> tuple[Array, Array]:
-    """Feasible and infeasible points, (n, N, 6) and (m, N, 6)."""
+def select_training_points(rows: Rows) -> tuple[Array, Array]:
+    """Return feasible and infeasible points, (n, N, 6) and (m, N, 6)."""
     return rows.point[rows.feasible], rows.point[~rows.feasible]

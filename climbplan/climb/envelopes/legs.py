@@ -37,7 +37,7 @@ class Legs:
         return len(self.names)
 
 
-def wall_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
+def select_wall_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
     """Some limbs of a robot in its own stance."""
     index = [robot.limb_names.index(name) for name in names]
     return Legs(
@@ -49,16 +49,16 @@ def wall_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
     )
 
 
-def standing_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
+def select_standing_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
     """As `wall_legs`, with a P beyond the reach of limbs of any size."""
-    legs = wall_legs(robot, names)
+    legs = select_wall_legs(robot, names)
     by_shoulder = np.linalg.norm(legs.shoulder, axis=1) + legs.reach
     by_stance = np.linalg.norm(legs.stance, axis=1) + legs.stance_radius
     farthest = float(np.minimum(by_shoulder, by_stance).max())
     return replace(legs, length=max(POSITION_SCALE, farthest))
 
 
-def ground_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
+def select_ground_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
     """Some limbs of a robot in the walking stance: toes outwards of the shoulders and below."""
     index = [robot.limb_names.index(name) for name in names]
     yaw = robot.mount_yaw[index]
@@ -67,8 +67,8 @@ def ground_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
     return Legs(names, robot.shoulder_body[index], stance, robot.reach, robot.stance_radius)
 
 
-def ball_directions() -> Array:
-    """26 directions (26, 3): faces, edges and corners of a cube."""
+def build_ball_directions() -> Array:
+    """Return 26 directions (26, 3): faces, edges and corners of a cube."""
     grid = np.array([d for d in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(d)])
     return grid / np.linalg.norm(grid, axis=1, keepdims=True)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.envelopes.relaxation import solve_relaxed
-from climbplan.climb.envelopes.search import find_posture, least_error, without_products
+from climbplan.climb.envelopes.search import find_posture, minimise_product_error, drop_products
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import Patches, TerrainDistribution
 from climbplan.program.instance import Instance
@@ -33,21 +33,23 @@ class Rows:
     undecided: int  # neither a point nor a proof within the nodes
 
     def patches(self, k: int) -> Patches:
-        """The terrain of a row."""
+        """Return the terrain of a row."""
         return Patches.from_vector(self.terrain[k])
 
 
-def factors(statement: PostureStatement, x: Array) -> Array:
-    """Toes and forces (N, 6) of a point."""
+def extract_factors(statement: PostureStatement, x: Array) -> Array:
+    """Return toes and forces (N, 6) of a point."""
     return np.concatenate(
         [statement.program.value("toe", x), statement.program.value("force", x)], axis=1
     )
 
 
-def linear_point(instance: Instance) -> Array | None:
-    """A solution of P without its bilinear rows, None if there is none."""
-    found = least_error(without_products(instance), np.zeros(0), np.zeros(0, np.int64))
-    return None if found is None else found[0]
+def find_linear_point(instance: Instance) -> Array | None:
+    """Return a solution of P without its bilinear rows, None if there is none."""
+    point_and_error = minimise_product_error(
+        drop_products(instance), np.zeros(0), np.zeros(0, np.int64)
+    )
+    return None if point_and_error is None else point_and_error[0]
 
 
 def collect_rows(
@@ -63,22 +65,22 @@ def collect_rows(
     Row k of the draw depends on (seed, k) alone. Terrains of a kind that is complete are skipped.
     """
     rows: list[tuple[Array, bool, Array]] = []
-    wanted = {True: feasible, False: infeasible}
-    drawn = trivial = undecided = 0
-    while any(wanted.values()):
-        patches = terrains.sample(np.random.default_rng([seed, drawn]))
-        drawn += 1
+    remaining = {True: feasible, False: infeasible}
+    num_drawn = trivial = undecided = 0
+    while any(remaining.values()):
+        patches = terrains.sample(np.random.default_rng([seed, num_drawn]))
+        num_drawn += 1
         theta = statement.theta(patches)
         # A root without a solution is a proof; one with a solution nearly always has a point, and
         # is one of the linear part
         root = solve_relaxed(statement.legs, patches, theta["force"], theta["moment"])
-        if root is not None and not wanted[True]:
+        if root is not None and not remaining[True]:
             continue
-        linear = linear_point(statement.program.at(theta))
+        linear = find_linear_point(statement.program.instantiate(theta))
         if linear is None:
             trivial += 1
             continue
-        if root is None and not wanted[False]:
+        if root is None and not remaining[False]:
             continue
         label, x = False, linear
         if root is not None:
@@ -88,17 +90,17 @@ def collect_rows(
                 continue
             if answer.x is not None:
                 label, x = True, answer.x
-        if not wanted[label]:
+        if not remaining[label]:
             continue
-        wanted[label] -= 1
-        rows.append((patches.vector(), label, factors(statement, x)))
+        remaining[label] -= 1
+        rows.append((patches.vector(), label, extract_factors(statement, x)))
         if report is not None:
             report(len(rows) / (feasible + infeasible))
     return Rows(
         np.array([r[0] for r in rows]),
         np.array([r[1] for r in rows], bool),
         np.array([r[2] for r in rows]),
-        drawn,
+        num_drawn,
         trivial,
         undecided,
     )

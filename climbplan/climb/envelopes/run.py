@@ -9,20 +9,20 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.envelopes.dataset_rows import LabelledRows, labelled_rows
-from climbplan.climb.envelopes.distribution import terrains_of
-from climbplan.climb.envelopes.first_stage_labels import LabelledTerrains, labels_of
+from climbplan.climb.envelopes.dataset_rows import LabelledRows, read_labelled_rows
+from climbplan.climb.envelopes.distribution import build_distribution
+from climbplan.climb.envelopes.first_stage_labels import LabelledTerrains, build_labeller
 from climbplan.climb.envelopes.fit import (
     Conditions,
     Validation,
-    heuristic,
+    build_heuristic_envelope,
     measure,
-    recentred,
-    stages,
-    training_points,
+    recentre_points,
+    prepare_stages,
+    select_training_points,
 )
 from climbplan.climb.envelopes.rows import Rows, collect_rows
-from climbplan.climb.envelopes.statement import PostureStatement, posture_statement
+from climbplan.climb.envelopes.statement import PostureStatement, build_posture_statement
 from climbplan.climb.envelopes.terrains import TerrainDistribution
 from climbplan.climb.schema.envelopes import EnvelopeFitSpec, EnvelopesSpec
 from climbplan.climb.schema.envelopes_loading import LoadedEnvelopes
@@ -81,75 +81,88 @@ def fit_envelopes(
     Raises UsageError for a dataset that does not fit the spec.
     """
     spec = loaded.spec
-    terrains = terrains_of(spec.terrain, robot)
-    statement = posture_statement(terrains.legs)
+    terrains = build_distribution(spec.terrain, robot)
+    statement = build_posture_statement(terrains.legs)
     clock = _Clock()
-    rows = _rows(loaded, terrains, statement, report)
+    rows = _collect_rows(loaded, terrains, statement, report)
     training, held_out = rows.training, rows.held_out
     clock.done("data")
-    fit, fingerprint = spec.fit, _fingerprint(training)
-    prepared = stages(statement, training, fit.first_stage)
-    found: dict[str, EnvelopeSet] = {}
-    spent: dict[str, float] = {}
-    wanted = fit.method
+    fit, fingerprint = spec.fit, _compute_fingerprint(training)
+    prepared = prepare_stages(statement, training, fit.first_stage)
+    envelopes_by_method: dict[str, EnvelopeSet] = {}
+    cpu_seconds: dict[str, float] = {}
+    method_wanted = fit.method
     begin = time.process_time()
-    if wanted in ("all", "heuristic", "genetic"):
-        found["heuristic"] = (heuristic(terrains),) * fit.envelopes
-        spent["heuristic"] = time.process_time() - begin
-    moved = training
-    if wanted in ("all", "clustering", "genetic"):
+    if method_wanted in ("all", "heuristic", "genetic"):
+        envelopes_by_method["heuristic"] = (build_heuristic_envelope(terrains),) * fit.envelopes
+        cpu_seconds["heuristic"] = time.process_time() - begin
+    recentred_rows = training
+    if method_wanted in ("all", "clustering", "genetic"):
         begin = time.process_time()
-        moved = recentred(training, prepared, lambda share: report("recentring", share))
-        labels = labels_of(_labelled(training, moved, terrains, fit), prepared)
-        found["clustering"] = clustered(moved, labels, spec)
-        spent["clustering"] = time.process_time() - begin
+        recentred_rows = recentre_points(
+            training, prepared, lambda share: report("recentring", share)
+        )
+        labels = build_labeller(_build_labelled(training, recentred_rows, terrains, fit), prepared)
+        envelopes_by_method["clustering"] = fit_by_clustering(recentred_rows, labels, spec)
+        cpu_seconds["clustering"] = time.process_time() - begin
         clock.done("clustering")
     fitness = np.zeros((0, 3))
-    if wanted in ("all", "genetic"):
+    if method_wanted in ("all", "genetic"):
         begin = time.process_time()
-        labels = labels_of(_labelled(training, moved, terrains, fit), prepared, jobs)
-        searched = _searched(labels, training, list(found.values()), fit, spec.seed, report)
-        found["genetic"] = searched.envelopes
-        spent["genetic"] = time.process_time() - begin
+        labels = build_labeller(
+            _build_labelled(training, recentred_rows, terrains, fit), prepared, jobs
+        )
+        searched = _run_search(
+            labels, training, list(envelopes_by_method.values()), fit, spec.seed, report
+        )
+        envelopes_by_method["genetic"] = searched.envelopes
+        cpu_seconds["genetic"] = time.process_time() - begin
         fitness = np.stack(
             [searched.fitness_mean, searched.fitness_spread, searched.fitness_best], axis=1
         )
         clock.done("genetic")
-    checked = stages(statement, held_out, fit.first_stage)
+    checked = prepare_stages(statement, held_out, fit.first_stage)
     fitted: list[FittedEnvelopes] = []
-    for done, (method, envelopes) in enumerate(found.items()):
-        report("validation", done / len(found))
-        if wanted not in ("all", method):
+    for num_done, (method, envelopes) in enumerate(envelopes_by_method.items()):
+        report("validation", num_done / len(envelopes_by_method))
+        if method_wanted not in ("all", method):
             continue
         if method == "heuristic":
             envelopes = envelopes[:1]  # all alike
-        found_out = measure(envelopes, held_out, checked)
+        measured = measure(envelopes, held_out, checked)
         fitted.append(
             FittedEnvelopes(
-                method, envelopes, found_out.validation, found_out.conditions, spent[method]
+                method, envelopes, measured.validation, measured.conditions, cpu_seconds[method]
             )
         )
     clock.done("validation")
     legs, seconds = terrains.legs, clock.seconds
     return EnvelopeRun(
-        legs.names, legs.length, tuple(fitted), fitness, moved, held_out, fingerprint, seconds
+        legs.names,
+        legs.length,
+        tuple(fitted),
+        fitness,
+        recentred_rows,
+        held_out,
+        fingerprint,
+        seconds,
     )
 
 
-def _rows(
+def _collect_rows(
     loaded: LoadedEnvelopes,
     terrains: TerrainDistribution,
     statement: PostureStatement,
     report: Progress,
 ) -> LabelledRows:
-    """Training and held-out terrains: of a dataset, or drawn."""
+    """Return training and held-out terrains: of a dataset, or drawn."""
     data, seed = loaded.spec.data, loaded.spec.seed
     if data.dataset is not None:
         report("data", 0.0)
         path = loaded.directory / data.dataset
-        return labelled_rows(read_dataset_file(path), path, terrains)
+        return read_labelled_rows(read_dataset_file(path), path, terrains)
 
-    def drawn(stage: str, own: int, feasible: int, infeasible: int) -> Rows:
+    def draw(stage: str, own: int, feasible: int, infeasible: int) -> Rows:
         return collect_rows(
             terrains,
             statement,
@@ -160,29 +173,35 @@ def _rows(
         )
 
     return LabelledRows(
-        drawn("training", 1, data.training_feasible, data.training_infeasible),
-        drawn("held-out", 2, data.validation_feasible, data.validation_infeasible),
+        draw("training", 1, data.training_feasible, data.training_infeasible),
+        draw("held-out", 2, data.validation_feasible, data.validation_infeasible),
     )
 
 
-def _labelled(
-    training: Rows, moved: Rows, terrains: TerrainDistribution, fit: EnvelopeFitSpec
+def _build_labelled(
+    training: Rows, recentred_rows: Rows, terrains: TerrainDistribution, fit: EnvelopeFitSpec
 ) -> LabelledTerrains:
-    """Training terrains with the points that were found, and those they were moved to."""
-    known = np.stack([training.point, moved.point], axis=1)
-    known[~training.feasible] = np.nan
+    """Return training terrains with the points that were found, and those they were moved to."""
+    feasible_points = np.stack([training.point, recentred_rows.point], axis=1)
+    feasible_points[~training.feasible] = np.nan
     return LabelledTerrains(
-        terrains.legs, training.terrain, fit.first_stage, known, _fingerprint(training)
+        terrains.legs,
+        training.terrain,
+        fit.first_stage,
+        feasible_points,
+        _compute_fingerprint(training),
     )
 
 
-def clustered(moved: Rows, labels: FirstStageLabels, spec: EnvelopesSpec) -> EnvelopeSet:
-    """Algorithm 2, its boxes grown until P1 calls enough training terrains feasible."""
-    good, bad = training_points(moved)
+def fit_by_clustering(
+    recentred_rows: Rows, labels: FirstStageLabels, spec: EnvelopesSpec
+) -> EnvelopeSet:
+    """Return Algorithm 2, its boxes grown until P1 calls enough training terrains feasible."""
+    good, bad = select_training_points(recentred_rows)
     count = spec.fit.envelopes
-    found = fit_clusters(good, bad, count, spec.fit.likelihood, spec.seed)
-    fitted = [cluster.envelope for cluster in found]
-    feasible = np.flatnonzero(moved.feasible)
+    clusters = fit_clusters(good, bad, count, spec.fit.likelihood, spec.seed)
+    fitted = [cluster.envelope for cluster in clusters]
+    feasible = np.flatnonzero(recentred_rows.feasible)
     for growth in GROWTHS:
         envelopes = tuple(e.widen(growth) for e in fitted)
         if labels([envelopes], feasible)[0].mean() >= spec.fit.least_feasible:
@@ -190,7 +209,7 @@ def clustered(moved: Rows, labels: FirstStageLabels, spec: EnvelopesSpec) -> Env
     return envelopes
 
 
-def _searched(
+def _run_search(
     labels: FirstStageLabels,
     training: Rows,
     first: list[EnvelopeSet],
@@ -209,5 +228,5 @@ def _searched(
     )
 
 
-def _fingerprint(rows: Rows) -> str:
+def _compute_fingerprint(rows: Rows) -> str:
     return hashlib.sha256(rows.terrain.tobytes() + rows.feasible.tobytes()).hexdigest()

@@ -45,7 +45,7 @@ def find_posture(
     load: Array | None = None,
     nodes: int = _NODES,
 ) -> PostureAnswer:
-    """A point that satisfies P to 1e-7, or the proof that P has none on these patches."""
+    """Return a point that satisfies P to 1e-7, or the proof that P has none on these patches."""
     theta = statement.theta(patches, load)
     instance = statement.program.instantiate(theta)
     force, moment = theta["force"], theta["moment"]
@@ -59,16 +59,16 @@ def find_posture(
             continue
         x = _alternate(statement, instance, relaxed)
         if x is None and (count - 1) % _LOCAL_EVERY == 0:
-            x = _local(statement, instance, relaxed)
+            x = _search_locally(statement, instance, relaxed)
         if x is not None:
             return PostureAnswer("feasible", x, count)
         limb = int(np.argmax(relaxed.torsion))
-        open_nodes += [_half(corners, limb, side) for side in (0, 1)]
+        open_nodes += [_bisect_patch(corners, limb, side) for side in (0, 1)]
     return PostureAnswer("limit" if open_nodes else "infeasible", None, count)
 
 
-def without_products(instance: Instance) -> Instance:
-    """The instance without its bilinear rows: P-bar of Algorithm 1."""
+def drop_products(instance: Instance) -> Instance:
+    """Return the instance without its bilinear rows: P-bar of Algorithm 1."""
     keep = np.diff(instance.Q.indptr) == 0
     none = np.zeros(0, np.int64)
     return replace(
@@ -81,68 +81,73 @@ def without_products(instance: Instance) -> Instance:
     )
 
 
-def _start(statement: PostureStatement, instance: Instance, relaxed: Relaxed) -> Array:
+def _build_start(statement: PostureStatement, instance: Instance, relaxed: Relaxed) -> Array:
     x = np.zeros(instance.size)
-    for name, given in (
+    for name, block_value in (
         ("toe", relaxed.pressure),
         ("force", relaxed.force),
         ("com", relaxed.com),
         ("rpy", relaxed.rpy),
     ):
         block = statement.program.variables[name]
-        x[block.start : block.stop] = given.ravel()
+        x[block.start : block.stop] = block_value.ravel()
     return x
 
 
-def _local(statement: PostureStatement, instance: Instance, relaxed: Relaxed) -> Array | None:
-    found = solve_ipopt(
-        instance, start=_start(statement, instance, relaxed), time_limit=_LOCAL_TIME
+def _search_locally(
+    statement: PostureStatement, instance: Instance, relaxed: Relaxed
+) -> Array | None:
+    solution = solve_ipopt(
+        instance, start=_build_start(statement, instance, relaxed), time_limit=_LOCAL_TIME
     )
-    return found.x
+    return solution.x
 
 
-def _half(corners: Array, limb: int, side: int) -> Array:
-    """One half of a limb's patch, cut across its longer edge."""
+def _bisect_patch(corners: Array, limb: int, side: int) -> Array:
+    """Return one half of a limb's patch, cut across its longer edge."""
     a, b, c, d = corners[limb]
     if np.linalg.norm(b - a) >= np.linalg.norm(d - a):
         m, n = (a + b) / 2, (c + d) / 2
-        part = [a, m, n, d] if side == 0 else [m, b, c, n]
+        half = [a, m, n, d] if side == 0 else [m, b, c, n]
     else:
         m, n = (a + d) / 2, (b + c) / 2
-        part = [a, b, n, m] if side == 0 else [m, n, c, d]
+        half = [a, b, n, m] if side == 0 else [m, n, c, d]
     out = corners.copy()
-    out[limb] = part
+    out[limb] = half
     return out
 
 
 def _alternate(statement: PostureStatement, instance: Instance, relaxed: Relaxed) -> Array | None:
-    """Forces at given toes, toes at given forces, each with the least error of the moments."""
+    """Return forces at given toes, toes at given forces, each with the least error of the moments."""
     program = statement.program
     toe, f = program.variables["toe"], program.variables["force"]
-    x = _start(statement, instance, relaxed)
-    held = np.arange(toe.start, toe.stop)
+    x = _build_start(statement, instance, relaxed)
+    fixed_columns = np.arange(toe.start, toe.stop)
     last = np.inf
     for k in range(_ROUNDS):
-        found = least_error(instance, x, held)
-        if found is None:
+        point_and_error = minimise_product_error(instance, x, fixed_columns)
+        if point_and_error is None:
             return None
-        x, error = found
+        x, error = point_and_error
         if error <= TOLERANCE / 10 and instance.violation(x) <= TOLERANCE:
             return x
         if k and error > 0.9 * last:
             return None
         last = error
-        held = np.arange(f.start, f.stop) if k % 2 == 0 else np.arange(toe.start, toe.stop)
+        fixed_columns = np.arange(f.start, f.stop) if k % 2 == 0 else np.arange(toe.start, toe.stop)
     return None
 
 
-def least_error(instance: Instance, x: Array, held: IntArray) -> tuple[Array, float] | None:
-    """The point that keeps x[held] and misses the rows with products least, with the miss (1-norm).
+def minimise_product_error(
+    instance: Instance, x: Array, fixed_columns: IntArray
+) -> tuple[Array, float] | None:
+    """Return the point that keeps x[held] and misses the rows with products least, with the miss
+    (1-norm).
 
     x[held] is one factor of every product, so that the problem is linear. None if no point
     satisfies the other rows.
     """
-    fixed = linear_with(instance, x, held)
+    fixed = fix_factors(instance, x, fixed_columns)
     bilinear = np.flatnonzero(np.diff(instance.Q.indptr))
     k, n = len(bilinear), instance.size
     slack = sparse.csr_matrix(
@@ -161,22 +166,22 @@ def least_error(instance: Instance, x: Array, held: IntArray) -> tuple[Array, fl
     return None if answer.x is None else (answer.x[:n], answer.objective)
 
 
-def linear_with(instance: Instance, x: Array, held: IntArray) -> Instance:
-    """The instance with x[held] given, which makes every product linear in its other factor.
+def fix_factors(instance: Instance, x: Array, fixed_columns: IntArray) -> Instance:
+    """Return the instance with x[held] given, which makes every product linear in its other factor.
 
     The instance has no implications.
     """
-    given = np.zeros(instance.size, bool)
-    given[held] = True
+    is_fixed = np.zeros(instance.size, bool)
+    is_fixed[fixed_columns] = True
     first, second = instance.products.first, instance.products.second
     # Where both are given, the second counts as free: its bounds hold it
-    swap = ~given[first]
+    swap = ~is_fixed[first]
     value = np.where(swap, x[second], x[first])
     column = np.where(swap, first, second)
     K = instance.products.count
     spread = sparse.csr_matrix((value, (np.arange(K), column)), shape=(K, instance.size))
     lower, upper = instance.lower.copy(), instance.upper.copy()
-    lower[held] = upper[held] = x[held]
+    lower[fixed_columns] = upper[fixed_columns] = x[fixed_columns]
     none = np.zeros(0, np.int64)
     return replace(
         instance,

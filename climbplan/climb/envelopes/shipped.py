@@ -16,8 +16,10 @@ SHIPPED = DISTRIBUTIONS
 PREFERENCE = ("clustering", "genetic", "heuristic")
 
 
-def shipped_envelopes(name: str) -> StoredEnvelopes:
-    """Envelopes of all methods for one distribution of terrains; UsageError for another name."""
+def read_shipped_envelopes(name: str) -> StoredEnvelopes:
+    """Return envelopes of all methods for one distribution of terrains; UsageError for another
+    name.
+    """
     if name not in SHIPPED:
         raise UsageError(f"no envelopes {name!r} ship, there are {', '.join(SHIPPED)}")
     with as_file(files("climbplan.climb.envelopes").joinpath("fitted", f"{name}.h5")) as path:

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.envelopes.legs import INSCRIBED, Legs, ball_directions
+from climbplan.climb.envelopes.legs import INSCRIBED, Legs, build_ball_directions
 from climbplan.climb.envelopes.terrains import CORNERS, Patches
 from climbplan.mechanics.friction import contact_frame, pyramid_rows, regular_corners
 from climbplan.program import Program
@@ -37,7 +37,7 @@ class PostureStatement:
     legs: Legs
 
     def theta(self, patches: Patches, load: Array | None = None) -> dict[str, Array]:
-        """Parameters of a terrain.
+        """Return parameters of a terrain.
 
         load: (6,) external force [weights] and moment about the body origin [weights P] beside
         the robot's weight.
@@ -45,22 +45,22 @@ class PostureStatement:
         extra = np.zeros(6) if load is None else load
         return {
             "corner": patches.vertices / self.legs.length,
-            "cone": cone_rows(patches.normal, patches.friction),
+            "cone": compute_cone_rows(patches.normal, patches.friction),
             "force": np.array([0.0, 0.0, -1.0]) + extra[:3],
             "moment": extra[3:],
         }
 
 
-def cone_rows(normal: Array, friction: Array, facets: int = FACETS) -> Array:
-    """Rows a with a . f <= 0 for world forces f in the inscribed pyramids, (..., facets, 3)."""
+def compute_cone_rows(normal: Array, friction: Array, facets: int = FACETS) -> Array:
+    """Return rows a with a . f <= 0 for world forces f in the inscribed pyramids, (..., facets, 3)."""
     rows = pyramid_rows(
         friction, np.broadcast_to(regular_corners(facets), (*friction.shape, facets))
     )
     return np.asarray(rows @ contact_frame(normal).axes)
 
 
-def posture_statement(legs: Legs) -> PostureStatement:
-    """One posture (M = 1): feasibility only, no cost."""
+def build_posture_statement(legs: Legs) -> PostureStatement:
+    """Return one posture (M = 1): feasibility only, no cost."""
     n = legs.count
     p = Program("coupled posture")
     corner = p.parameter("corner", (n, CORNERS, 3))
@@ -77,39 +77,39 @@ def posture_statement(legs: Legs) -> PostureStatement:
     on_patch = np.sum(weight[:, :, None] * corner, axis=1)
     p.equal("coupled.toe", on_patch - toe, unit="P")
     p.between("coupled.friction", np.sum(cone * f[:, None], axis=2), -np.inf, 0.0, unit="weight")
-    _workspace(p, legs, toe - com[None], rpy)
+    _add_workspace(p, legs, toe - com[None], rpy)
     p.equal("coupled.force_balance", np.sum(f, axis=0) + force, unit="weight")
-    balance = np.sum(cross(toe, f), axis=0) + cross(com, force) + moment
+    balance = np.sum(compute_cross(toe, f), axis=0) + compute_cross(com, force) + moment
     p.equal("coupled.moment_balance", balance, unit="weight P")
     return PostureStatement(p, legs)
 
 
-def _workspace(p: Program, legs: Legs, arm: Expression, rpy: Expression) -> None:
+def _add_workspace(p: Program, legs: Legs, arm: Expression, rpy: Expression) -> None:
     """d . (p_i - c - R v_i) <= radius for 26 directions, rotations linearised as in eq. (5.5)."""
-    directions = ball_directions()
+    directions = build_ball_directions()
     for label, origin, radius in (
         ("reach", legs.shoulder, legs.reach),
         ("stance", legs.stance, legs.stance_radius),
     ):
         v = origin / legs.length
-        turned = v + cross(np.broadcast_to(rpy, v.shape), v)
-        along = (arm - turned) @ directions.T.astype(object)
+        rotated_origin = v + compute_cross(np.broadcast_to(rpy, v.shape), v)
+        extent = (arm - rotated_origin) @ directions.T.astype(object)
         limit = radius * INSCRIBED / legs.length
-        p.between(f"coupled.{label}", along, -np.inf, limit, unit="P")
+        p.between(f"coupled.{label}", extent, -np.inf, limit, unit="P")
 
 
-def cross(a: Expression, b: Expression | Array) -> Expression:
+def compute_cross(a: Expression, b: Expression | Array) -> Expression:
     """a x b along the last axis, of scalars that NumPy's own cross product cannot hold."""
     shape = np.broadcast_shapes(a.shape, b.shape)
     x, y = np.broadcast_to(a, shape), np.broadcast_to(b, shape)
     out = np.empty(shape, object)
     for k in range(3):
         i, j = (k + 1) % 3, (k + 2) % 3
-        for at in np.ndindex(shape[:-1]):
-            out[(*at, k)] = x[(*at, i)] * y[(*at, j)] - x[(*at, j)] * y[(*at, i)]
+        for index in np.ndindex(shape[:-1]):
+            out[(*index, k)] = x[(*index, i)] * y[(*index, j)] - x[(*index, j)] * y[(*index, i)]
     return out
 
 
-def values(program: Program, x: Array) -> Mapping[str, Array]:
-    """All variable blocks of a solution."""
+def read_values(program: Program, x: Array) -> Mapping[str, Array]:
+    """Return all variable blocks of a solution."""
     return {name: program.value(name, x) for name in program.variables}

@@ -11,7 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.envelopes.legs import Legs, ground_legs, standing_legs, wall_legs
+from climbplan.climb.envelopes.legs import (
+    Legs,
+    select_ground_legs,
+    select_standing_legs,
+    select_wall_legs,
+)
 from climbplan.errors import UsageError
 from climbplan.mechanics.friction import contact_frame
 from climbplan.robots.model import Robot
@@ -28,14 +33,14 @@ class Patches:
     friction: Array  # (N,)
 
     def vector(self) -> Array:
-        """(N 16,) vertices, normals, friction coefficients: a dataset's row."""
+        """Return (N 16,) vertices, normals, friction coefficients: a dataset's row."""
         return np.concatenate([self.vertices.ravel(), self.normal.ravel(), self.friction])
 
     @classmethod
     def from_vector(cls, row: Array) -> Patches:
-        """The patches of a dataset's row; raises UsageError for a length that fits no limbs."""
-        n, rest = divmod(len(row), 3 * CORNERS + 4)
-        if rest or not n:
+        """Return the patches of a dataset's row; raises UsageError for a length that fits no limbs."""
+        n, remainder = divmod(len(row), 3 * CORNERS + 4)
+        if remainder or not n:
             raise UsageError(f"{len(row)} numbers are no row of patches")
         corners = 3 * CORNERS * n
         return cls(
@@ -58,19 +63,21 @@ class TerrainDistribution:
     half_size: float = 0.05  # [m] of patches
 
     def sample(self, rng: np.random.Generator) -> Patches:
-        """One terrain; angles, positions and friction coefficients are uniform."""
+        """Return one terrain; angles, positions and friction coefficients are uniform."""
         n = self.legs.count
         center = self.legs.stance + rng.uniform(-self.jitter, self.jitter, (n, 3))
-        turned = tilted(self.normal, rng.uniform(0, self.tilt, n), rng.uniform(0, 2 * np.pi, n))
-        frame = contact_frame(turned)
-        across = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * self.half_size
+        normals = tilt_normals(
+            self.normal, rng.uniform(0, self.tilt, n), rng.uniform(0, 2 * np.pi, n)
+        )
+        frame = contact_frame(normals)
+        corner_offsets = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * self.half_size
         edges = np.stack([frame.tangent, frame.bitangent], axis=1)  # (N, 2, 3)
-        vertices = center[:, None] + across @ edges
-        return Patches(vertices, turned, rng.uniform(*self.friction, n))
+        vertices = center[:, None] + corner_offsets @ edges
+        return Patches(vertices, normals, rng.uniform(*self.friction, n))
 
 
-def tilted(normal: Array, angle: Array, about: Array) -> Array:
-    """Unit normals (N, 3) turned by `angle` (N,) in the direction `about` (N,) across them."""
+def tilt_normals(normal: Array, angle: Array, about: Array) -> Array:
+    """Return unit normals (N, 3) turned by `angle` (N,) in the direction `about` (N,) across them."""
     frame = contact_frame(normal)
     towards = np.cos(about)[:, None] * frame.tangent + np.sin(about)[:, None] * frame.bitangent
     return np.cos(angle)[:, None] * normal + np.sin(angle)[:, None] * towards
@@ -84,36 +91,36 @@ _ON_GROUND, _ON_WALLS = (0.1, 0.8), (0.1, 1.2)  # friction
 _ON_MIDDLE = 1e-3  # [m] off the body's middle plane within which no wall is a toe's own
 
 
-def distribution(
+def select_distribution(
     name: str, robot: Robot, limbs: tuple[str, ...] | None = None
 ) -> TerrainDistribution:
-    """Terrains by name; limbs: those that stand, of `ground` and `wall` (None: all).
+    """Return terrains by name; limbs: those that stand, of `ground` and `wall` (None: all).
 
     Raises UsageError for another name, a robot without the limbs, and between walls for a toe in
     the middle of the body.
     """
     if name in OWN:
-        return _own(name, robot, robot.limb_names if limbs is None else limbs)
+        return _build_own_distribution(name, robot, robot.limb_names if limbs is None else limbs)
     if name not in DISTRIBUTIONS:
-        known = ", ".join((*DISTRIBUTIONS, *OWN))
-        raise UsageError(f"unknown terrains {name!r}: expected one of {known}")
+        expected_names = ", ".join((*DISTRIBUTIONS, *OWN))
+        raise UsageError(f"unknown terrains {name!r}: expected one of {expected_names}")
     legs = FIVE if name == "wall5" else THREE
     if lacking := [limb for limb in legs if limb not in robot.limb_names]:
         raise UsageError(f"{robot.name} has no limb {lacking[0]}, on which terrains {name!r} stand")
     if name == "ground3":
         up = np.tile([0.0, 0.0, 1.0], (len(legs), 1))
-        return TerrainDistribution(name, ground_legs(robot, legs), up, _ON_GROUND)
-    standing = wall_legs(robot, legs)
+        return TerrainDistribution(name, select_ground_legs(robot, legs), up, _ON_GROUND)
+    standing = select_wall_legs(robot, legs)
     side = -np.sign(standing.stance[:, :1]) * [1.0, 0.0, 0.0]
     return TerrainDistribution(name, standing, side, _ON_WALLS)
 
 
-def _own(name: str, robot: Robot, limbs: tuple[str, ...]) -> TerrainDistribution:
-    """Limbs in the robot's own stance, on patches that look up or to the middle of the body."""
+def _build_own_distribution(name: str, robot: Robot, limbs: tuple[str, ...]) -> TerrainDistribution:
+    """Return limbs in the robot's own stance, on patches that look up or to the middle of the body."""
     if lacking := [limb for limb in limbs if limb not in robot.limb_names]:
-        known = ", ".join(robot.limb_names)
-        raise UsageError(f"{robot.name} has no limb {lacking[0]!r}, its limbs are {known}")
-    legs = standing_legs(robot, limbs)
+        limb_names = ", ".join(robot.limb_names)
+        raise UsageError(f"{robot.name} has no limb {lacking[0]!r}, its limbs are {limb_names}")
+    legs = select_standing_legs(robot, limbs)
     if name == "ground":
         up = np.tile([0.0, 0.0, 1.0], (legs.count, 1))
         return TerrainDistribution(name, legs, up, _ON_GROUND)

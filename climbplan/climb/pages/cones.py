@@ -27,29 +27,29 @@ class ContactForce:
     magnitude: float  # [N]
 
 
-def across(normal: Array) -> Array:
-    """Two unit vectors (2, 3) at right angles to a unit normal and to each other."""
+def compute_tangents(normal: Array) -> Array:
+    """Return two unit vectors (2, 3) at right angles to a unit normal and to each other."""
     seed = np.eye(3)[int(np.argmin(np.abs(normal)))]
     first = np.cross(normal, seed)
     first /= np.linalg.norm(first)
     return np.array([first, np.cross(normal, first)])
 
 
-def contact_forces(plan: ClimbPlan, k: int, scale: float) -> tuple[ContactForce, ...]:
-    """Forces of the limbs in contact at instant k; scale in metres a newton."""
+def compute_contact_forces(plan: ClimbPlan, k: int, scale: float) -> tuple[ContactForce, ...]:
+    """Return forces of the limbs in contact at instant k; scale in metres a newton."""
     instants, force = plan.instants, plan.forces.force[k]
     angle = np.linspace(0, 2 * np.pi, RING_POINTS, endpoint=False)
     circle = np.column_stack([np.cos(angle), np.sin(angle)])  # (RING_POINTS, 2)
-    found = []
+    forces = []
     for limb in np.flatnonzero(instants.contact[k]):
         toe, normal, mu = instants.toes[k, limb], instants.normal[k, limb], instants.mu[k, limb]
         pressing = max(float(normal @ force[limb]), 0.0)
         if plan.grips is not None:
             pressing = 0.0  # a grip holds by its fingers: no cone about the normal tells it
-        ring = circle @ across(normal)
+        ring = circle @ compute_tangents(normal)
         center = toe + scale * pressing * normal
         radius = scale * pressing * mu
-        found.append(
+        forces.append(
             ContactForce(
                 limb=int(limb),
                 toe=toe,
@@ -59,19 +59,21 @@ def contact_forces(plan: ClimbPlan, k: int, scale: float) -> tuple[ContactForce,
                 magnitude=float(np.linalg.norm(force[limb])),
             )
         )
-    return tuple(found)
+    return tuple(forces)
 
 
-def force_scale(plan: ClimbPlan, longest: float) -> float:
-    """Metres a newton at which the largest force of the plan is `longest` metres long."""
+def compute_force_scale(plan: ClimbPlan, longest: float) -> float:
+    """Return metres a newton at which the largest force of the plan is `longest` metres long."""
     largest = float(np.linalg.norm(plan.forces.force, axis=-1).max())
     return longest / largest if largest > 0 else 0.0
 
 
-def round_newtons(scale: float, length: float) -> float:
-    """The largest force of 1, 2 or 5 times a power of ten that is at most `length` metres long."""
+def select_round_force(scale: float, length: float) -> float:
+    """Return the largest force of 1, 2 or 5 times a power of ten that is at most `length` metres
+    long.
+    """
     if scale <= 0:
         return 0.0
-    most = length / scale
-    power = 10.0 ** np.floor(np.log10(most))
-    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= most))
+    max_newtons = length / scale
+    power = 10.0 ** np.floor(np.log10(max_newtons))
+    return float(max(step * power for step in (1.0, 2.0, 5.0) if step * power <= max_newtons))

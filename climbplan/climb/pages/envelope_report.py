@@ -8,14 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import climbplan
-from climbplan.climb.envelopes.file import FORMAT, FORMAT_VERSION, drawn
+from climbplan.climb.envelopes.file import FORMAT, FORMAT_VERSION, count_drawn
 from climbplan.climb.envelopes.run import EnvelopeRun
-from climbplan.climb.pages.figure_envelopes import boxes, fitness
+from climbplan.climb.pages.figure_envelopes import draw_boxes, draw_fitness
 from climbplan.climb.schema.envelopes_loading import LoadedEnvelopes
-from climbplan.reports.page_parts import Card, Table, plain_words
-from climbplan.reports.page_template import fill, frame_fields, run_fields
-from climbplan.reports.report_files import finite, write_files
-from climbplan.reports.sheet import png
+from climbplan.reports.page_parts import Card, Table, format_value
+from climbplan.reports.page_template import fill, build_frame_fields, build_run_fields
+from climbplan.reports.report_files import replace_non_finite, write_files
+from climbplan.reports.sheet import render_png
 
 _HEAD = (
     "Method",
@@ -30,10 +30,10 @@ _HEAD = (
 )
 
 
-def report_dict(run: EnvelopeRun, loaded: LoadedEnvelopes) -> dict[str, Any]:
-    """The report as JSON-ready values."""
+def build_report(run: EnvelopeRun, loaded: LoadedEnvelopes) -> dict[str, Any]:
+    """Return the report as JSON-ready values."""
     names = ["boxes"] + (["fitness"] if len(run.fitness) else [])
-    whole: dict[str, Any] = finite(
+    whole: dict[str, Any] = replace_non_finite(
         {
             "format": FORMAT,
             "format_version": FORMAT_VERSION,
@@ -47,7 +47,7 @@ def report_dict(run: EnvelopeRun, loaded: LoadedEnvelopes) -> dict[str, Any]:
             "verified": False,
             "limb_names": list(run.limb_names),
             "training_fingerprint": run.fingerprint,
-            "drawn": drawn(run),
+            "drawn": count_drawn(run),
             "validation": {f.method: asdict(f.validation) for f in run.fitted},
             "conditions": {f.method: asdict(f.conditions) for f in run.fitted},
             "seconds": {f.method: f.seconds for f in run.fitted},
@@ -60,15 +60,15 @@ def report_dict(run: EnvelopeRun, loaded: LoadedEnvelopes) -> dict[str, Any]:
 
 def write_report(run: EnvelopeRun, loaded: LoadedEnvelopes, directory: Path) -> dict[str, Any]:
     """Write report.json, report.html and figures/*.png into a directory, and give the report."""
-    report = report_dict(run, loaded)
-    images = {"boxes": png(boxes(run, loaded.name))}
+    report = build_report(run, loaded)
+    images = {"boxes": render_png(draw_boxes(run, loaded.name))}
     if len(run.fitness):
-        images["fitness"] = png(fitness(run.fitness, loaded.name))
-    write_files(directory, report, _page(report, images), images)
+        images["fitness"] = render_png(draw_fitness(run.fitness, loaded.name))
+    write_files(directory, report, _build_page(report, images), images)
     return report
 
 
-def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+def _build_page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     counts = next(iter(report["validation"].values()))
     origin = [
         ("Limbs", ", ".join(report["limb_names"])),
@@ -78,21 +78,21 @@ def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
         ("Spec SHA-256", report["spec_sha256"]),
     ]
     sizes = [
-        (f"{data.replace('_', ' ')}, {what}", plain_words(number))
+        (f"{data.replace('_', ' ')}, {what}", format_value(number))
         for data, numbers in report["drawn"].items()
         for what, number in numbers.items()
     ]
     return fill(
         "envelopes.html",
-        **frame_fields(
+        **build_frame_fields(
             title=report["title"] or report["name"],
             kicker=(report["name"], "envelopes"),
             badges=(),
             good=True,
-            cards=_cards(report),
+            cards=_build_cards(report),
             images=images,
         ),
-        **run_fields(
+        **build_run_fields(
             report, {"Terrains": sizes, "Fit": origin}, "these envelopes were fitted from"
         ),
         table_note=(
@@ -102,27 +102,27 @@ def _page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
             "ones without a point of P but for its bilinear rows there; (3) share of P1's points "
             "whose toes carry balanced forces."
         ),
-        table=Table.of(_HEAD, _rows(report)),
+        table=Table.of(_HEAD, _build_rows(report)),
     )
 
 
-def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+def _build_cards(report: Mapping[str, Any]) -> Iterator[Card]:
     for method, row in report["validation"].items():
-        shares = f"{_percent(row['feasible'])} / {_percent(row['infeasible'])}"
+        shares = f"{_format_percent(row['feasible'])} / {_format_percent(row['infeasible'])}"
         yield Card(method, shares, "P1 right on feasible / infeasible terrains")
 
 
-def _rows(report: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
+def _build_rows(report: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     for method, row in report["validation"].items():
-        held = report["conditions"][method]
-        shares = (row[key] for key in ("feasible", "infeasible", "convex", "nlp"))
-        more = (held[key] for key in ("meets", "excludes", "projects"))
+        conditions = report["conditions"][method]
+        fractions = (row[key] for key in ("feasible", "infeasible", "convex", "nlp"))
+        more = (conditions[key] for key in ("meets", "excludes", "projects"))
         yield (
             method,
-            *(_percent(share) for share in (*shares, *more)),
+            *(_format_percent(fraction) for fraction in (*fractions, *more)),
             f"{report['seconds'][method]:.3g} s",
         )
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.1f} %"
+def _format_percent(fraction: float) -> str:
+    return f"{100 * fraction:.1f} %"

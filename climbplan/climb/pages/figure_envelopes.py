@@ -12,12 +12,12 @@ from climbplan.arrays import Array
 from climbplan.climb.envelopes.run import EnvelopeRun
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
-    foot_legend,
-    heading,
-    limb_name,
+    draw_foot_legend,
+    draw_heading,
+    format_limb_name,
     new_figure,
-    panel_title,
-    plain,
+    draw_panel_title,
+    format_plain,
     style_axes,
 )
 
@@ -36,8 +36,10 @@ _WIDTHS = {"heuristic": 1.2, "clustering": 2.6, "genetic": 1.2}  # those below s
 _GOOD, _BAD = "#56B4E9", "#E8A27C"
 
 
-def boxes(run: EnvelopeRun, name: str) -> Figure:
-    """Every limb's box of each method, with the points of feasible and of infeasible terrains."""
+def draw_boxes(run: EnvelopeRun, name: str) -> Figure:
+    """Return every limb's box of each method, with the points of feasible and of infeasible
+    terrains.
+    """
     limbs = run.limb_names
     figure = new_figure(0.9 + 2.25 * len(limbs), entries=2 + len(run.fitted))
     grid = figure.subplots(len(limbs), len(_PLANES), squeeze=False)
@@ -65,7 +67,7 @@ def boxes(run: EnvelopeRun, name: str) -> Figure:
             ax.autoscale_view()
             ax.set_xlabel(_AXES[a])
             ax.set_ylabel(_AXES[b])
-        panel_title(grid[i][0], limb_name(limb))
+        draw_panel_title(grid[i][0], format_limb_name(limb))
     handles: list[Artist] = [
         Line2D([], [], ls="", marker="o", ms=5, color=color) for color in (_GOOD, _BAD)
     ]
@@ -79,14 +81,16 @@ def boxes(run: EnvelopeRun, name: str) -> Figure:
         )
         for f in run.fitted
     ]
-    words = ["point of a feasible terrain", "of an infeasible one, without the bilinear rows"]
-    foot_legend(figure, handles, [*words, *(f.method for f in run.fitted)])
-    heading(figure, "Envelopes and what they were fitted to", plain(name))
+    labels = ["point of a feasible terrain", "of an infeasible one, without the bilinear rows"]
+    draw_foot_legend(figure, handles, [*labels, *(f.method for f in run.fitted)])
+    draw_heading(figure, "Envelopes and what they were fitted to", format_plain(name))
     return figure
 
 
-def fitness(values: Array, name: str) -> Figure:
-    """Fitness (G, 3) of the genetic search: mean, spread, best of each generation (Fig. 5.11)."""
+def draw_fitness(values: Array, name: str) -> Figure:
+    """Return fitness (G, 3) of the genetic search: mean, spread, best of each generation (Fig.
+    5.11).
+    """
     figure = new_figure(3.6, entries=2)
     ax = figure.subplots()
     style_axes(ax)
@@ -97,6 +101,6 @@ def fitness(values: Array, name: str) -> Figure:
     (top,) = ax.plot(generation, best, color=palette.LIMBS[1], lw=1.4, ls="--")
     ax.set_xlabel("generation")
     ax.set_ylabel("fitness")
-    foot_legend(figure, [line, top], ["mean, with one standard deviation", "best"])
-    heading(figure, "Fitness over the generations", plain(name))
+    draw_foot_legend(figure, [line, top], ["mean, with one standard deviation", "best"])
+    draw_heading(figure, "Fitness over the generations", format_plain(name))
     return figure

@@ -8,18 +8,18 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from climbplan.arrays import Array
-from climbplan.climb.pages.patches import climb_box, oblique_camera
+from climbplan.climb.pages.patches import compute_climb_box, choose_oblique_camera
 from climbplan.climb.pages.view import View
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.camera import FRONT, SIDE
 from climbplan.reports.sheet import (
-    foot_legend,
-    heading,
-    limb_name,
+    draw_foot_legend,
+    draw_heading,
+    format_limb_name,
     new_figure,
-    panel_title,
-    plain,
+    draw_panel_title,
+    format_plain,
     style_axes,
 )
 from climbplan.robots.kinematics import standing_inverse
@@ -29,33 +29,33 @@ _DETAILED = 4  # postures drawn with legs
 _OUTLINES = 13  # postures drawn at all
 
 
-def _picked(count: int, wanted: int) -> list[int]:
+def _select_evenly(count: int, max_count: int) -> list[int]:
     """At most `wanted` of 0..count, evenly spread, ends included."""
-    return sorted({round(i) for i in np.linspace(0, count, min(wanted, count + 1))})
+    return sorted({round(i) for i in np.linspace(0, count, min(max_count, count + 1))})
 
 
-def round_angles(plan: ClimbPlan) -> Array:
-    """Joint angles (M+1, N, 3) [rad] of the rounds' postures."""
+def compute_round_angles(plan: ClimbPlan) -> Array:
+    """Return joint angles (M+1, N, 3) [rad] of the rounds' postures."""
     rounds, surfaces = plan.rounds, plan.terrain.surfaces
     normal = np.empty_like(rounds.toes)
     for index, surface in enumerate(surfaces):
-        here = rounds.region == index
-        normal[here] = surface.normal_at(rounds.toes[here])
+        on_surface = rounds.region == index
+        normal[on_surface] = surface.normal_at(rounds.toes[on_surface])
     return standing_inverse(plan.robot, rounds.com, rounds.rpy, rounds.toes, normal).best()
 
 
-def _drawn(count: int) -> tuple[list[int], list[int]]:
-    """Which of the rounds 0..count are drawn at all, and which of those with legs."""
-    drawn = _picked(count, _OUTLINES)
-    return drawn, [drawn[i] for i in _picked(len(drawn) - 1, _DETAILED)]
+def _select_rounds(count: int) -> tuple[list[int], list[int]]:
+    """Return which of the rounds 0..count are drawn at all, and which of those with legs."""
+    outlined = _select_evenly(count, _OUTLINES)
+    return outlined, [outlined[i] for i in _select_evenly(len(outlined) - 1, _DETAILED)]
 
 
-def _climb(view: View, plan: ClimbPlan, angles: Array) -> None:
+def _draw_climb(view: View, plan: ClimbPlan, angles: Array) -> None:
     """Terrain, bodies, legs, footholds and path of a climb."""
     rounds = plan.rounds
-    drawn, detailed = _drawn(rounds.count)
+    outlined, detailed = _select_rounds(rounds.count)
     view.terrain(plan)
-    for j in drawn:
+    for j in outlined:
         pose = rounds.com[j], rounds.rpy[j]
         full = j in detailed
         shade = to_hex(_SHADES(j / max(rounds.count, 1)))
@@ -67,11 +67,11 @@ def _climb(view: View, plan: ClimbPlan, angles: Array) -> None:
     view.line(rounds.com, 20, **style)
 
 
-def _number(view: View, com: Array) -> None:
+def _draw_numbers(view: View, com: Array) -> None:
     """Round numbers beside the path, left out where they would collide."""
     low, high = view.ax.get_ylim()
     last = -np.inf
-    for j in _drawn(len(com) - 1)[1]:
+    for j in _select_rounds(len(com) - 1)[1]:
         x, z = view.camera.project(com[j])
         if z - last < 0.035 * (high - low):
             continue
@@ -83,20 +83,20 @@ def _number(view: View, com: Array) -> None:
 
 
 def postures(plan: ClimbPlan) -> Figure:
-    """Oblique, front (x-z) and side (y-z) views of a climb."""
-    box = climb_box(plan)
-    angles = round_angles(plan)
+    """Return oblique, front (x-z) and side (y-z) views of a climb."""
+    box = compute_climb_box(plan)
+    angles = compute_round_angles(plan)
     wide = box.size[2] > 1.7 * max(box.size[:2])
-    figure = new_figure(_height(box.size, wide), entries=plan.robot.limb_count + 1)
+    figure = new_figure(_compute_height(box.size, wide), entries=plan.robot.limb_count + 1)
     if wide:
         grid = figure.add_gridspec(1, 3, width_ratios=[1.75, 1.0, box.size[1] / box.size[0]])
         cells = [grid[0, 0], grid[0, 1], grid[0, 2]]
     else:
         grid = figure.add_gridspec(2, 2, width_ratios=[1.5, 1.0])
         cells = [grid[:, 0], grid[0, 1], grid[1, 1]]
-    oblique = View(figure.add_subplot(cells[0]), oblique_camera(plan, -63.0, 18.0), box)
+    oblique = View(figure.add_subplot(cells[0]), choose_oblique_camera(plan, -63.0, 18.0), box)
     oblique.oblique_axes()
-    _climb(oblique, plan, angles)
+    _draw_climb(oblique, plan, angles)
     for cell, camera, name in (
         (cells[1], FRONT, "front"),
         (cells[2], SIDE, "side, from the right"),
@@ -104,28 +104,30 @@ def postures(plan: ClimbPlan) -> Figure:
         view = View(figure.add_subplot(cell), camera, box, obstacle_alpha=0.4, cut_walls=True)
         style_axes(view.ax)
         view.plain_axes("x" if camera is FRONT else "y")
-        panel_title(view.ax, name)
-        _climb(view, plan, angles)
-        _number(view, plan.rounds.com)
+        draw_panel_title(view.ax, name)
+        _draw_climb(view, plan, angles)
+        _draw_numbers(view, plan.rounds.com)
     names_by_limb = plan.robot.limb_names
     handles = [
-        Line2D([], [], color=palette.limb_color(i), marker="o", markersize=5, linewidth=2)
+        Line2D([], [], color=palette.choose_limb_color(i), marker="o", markersize=5, linewidth=2)
         for i in range(len(names_by_limb))
     ]
     path = Line2D([], [], color=palette.INK, marker="o", markersize=2.5, linewidth=1.2)
-    foot_legend(figure, [*handles, path], [*map(limb_name, names_by_limb), "body path by round"])
+    draw_foot_legend(
+        figure, [*handles, path], [*map(format_limb_name, names_by_limb), "body path by round"]
+    )
     count = plan.rounds.count
-    heading(
+    draw_heading(
         figure,
-        f"Postures: {plain(plan.name, 36)}",
-        f"{plain(plan.robot.name, 24)}, {count} round{'s' if count > 1 else ''}, "
+        f"Postures: {format_plain(plan.name, 36)}",
+        f"{format_plain(plan.robot.name, 24)}, {count} round{'s' if count > 1 else ''}, "
         f"{float(plan.rounds.com[-1, 2] - plan.rounds.com[0, 2]):.2f} m up; dots are footholds",
     )
     return figure
 
 
-def _height(size: Array, wide: bool) -> float:
-    """Figure height [in] at which the views fill their columns."""
+def _compute_height(size: Array, wide: bool) -> float:
+    """Return figure height [in] at which the views fill their columns."""
     if wide:
         return float(np.clip(2.0 + 3.0 * size[2] / size[0], 6.0, 13.0))
     return float(np.clip(1.5 + 2 * 3.6 * size[2] / max(size[0], size[1]), 6.0, 9.5))

@@ -9,31 +9,37 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from climbplan.climb.pages.study_grid import StudyAxis, cell_edges, study_axes
+from climbplan.climb.pages.study_grid import StudyAxis, compute_cell_edges, build_study_axes
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports import palette
-from climbplan.reports.sheet import foot_legend, heading, new_figure, plain, style_axes
+from climbplan.reports.sheet import (
+    draw_foot_legend,
+    draw_heading,
+    new_figure,
+    format_plain,
+    style_axes,
+)
 
 # A second mark beside colour: none, hatched, cross-hatched.
 _HATCHES = ("", "//", "xx")
 
 
 def region(plan: ClimbPlan) -> Figure:
-    """Labels of a plan's study. Raises ValueError if the plan has none."""
+    """Return labels of a plan's study. Raises ValueError if the plan has none."""
     if plan.study is None:
         raise ValueError("the plan has no study")
-    study, axes = plan.study, study_axes(plan, plan.study)
+    study, axes = plan.study, build_study_axes(plan, plan.study)
     flat = len(axes) == 1
     figure = new_figure(2.6 if flat else 6.4, entries=4)
     ax = figure.subplots()
     style_axes(ax)
-    _cells(ax, study, axes)
+    _draw_cells(ax, study, axes)
     ax.grid(visible=False)
-    ax.set_xlabel(plain(axes[0].label))
+    ax.set_xlabel(format_plain(axes[0].label))
     if flat:
         ax.set_yticks([])
     else:
-        ax.set_ylabel(plain(axes[1].label))
+        ax.set_ylabel(format_plain(axes[1].label))
     handles: list[Patch | Line2D] = [
         Patch(facecolor=color, hatch=hatch, edgecolor="white", lw=0)
         for color, hatch in zip(palette.LABELS, _HATCHES, strict=True)
@@ -41,24 +47,24 @@ def region(plan: ClimbPlan) -> Figure:
     names = [
         f"{name} ({int(np.count_nonzero(study.label == i))})" for i, name in enumerate(Study.LABELS)
     ]
-    if _own_point(ax, axes):
+    if _mark_plan(ax, axes):
         handles.append(Line2D([], [], ls="", marker="*", ms=13, mfc="white", mec=palette.INK))
         names.append("this plan")
-    foot_legend(figure, handles, names)
-    note = plain(f"{plan.name}, {plan.robot.name}, {study.label.size} grid points")
-    heading(figure, "Feasible region", note)
+    draw_foot_legend(figure, handles, names)
+    note = format_plain(f"{plan.name}, {plan.robot.name}, {study.label.size} grid points")
+    draw_heading(figure, "Feasible region", note)
     return figure
 
 
-def _cells(ax: Axes, study: Study, axes: tuple[StudyAxis, ...]) -> None:
+def _draw_cells(ax: Axes, study: Study, axes: tuple[StudyAxis, ...]) -> None:
     """One coloured and hatched cell a grid point, in ascending order of the values."""
     order = [np.argsort(axis.values) for axis in axes]
     label = study.label[order[0]]
-    x = cell_edges(axes[0].values[order[0]])
+    x = compute_cell_edges(axes[0].values[order[0]])
     y = np.array([0.0, 1.0])
     if len(axes) == 2:
         label = label[:, order[1]]
-        y = cell_edges(axes[1].values[order[1]])
+        y = compute_cell_edges(axes[1].values[order[1]])
     count = len(Study.LABELS)
     ax.pcolormesh(
         x,
@@ -78,10 +84,10 @@ def _cells(ax: Axes, study: Study, axes: tuple[StudyAxis, ...]) -> None:
             ax.add_patch(Rectangle(corner, *size, fill=False, hatch=hatch, ec="white", lw=0))
 
 
-def _own_point(ax: Axes, axes: tuple[StudyAxis, ...]) -> bool:
+def _mark_plan(ax: Axes, axes: tuple[StudyAxis, ...]) -> bool:
     """Mark the plan's own values; False if they are unknown or off the picture."""
-    own = [axis.own for axis in axes]
-    x, y = own[0], 0.5 if len(axes) == 1 else own[1]
+    plan_values = [axis.own for axis in axes]
+    x, y = plan_values[0], 0.5 if len(axes) == 1 else plan_values[1]
     (left, right), (low, high) = ax.get_xlim(), ax.get_ylim()
     if x is None or y is None or not (left <= x <= right and low <= y <= high):
         return False

@@ -8,11 +8,11 @@ from matplotlib.patches import Patch
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
-    foot_legend,
-    heading,
-    limb_name,
+    draw_foot_legend,
+    draw_heading,
+    format_limb_name,
     new_figure,
-    plain,
+    format_plain,
     style_axes,
 )
 
@@ -21,12 +21,12 @@ _LIFT, _STEP = 0.6, 1.0  # width of a lift, of a whole step
 
 
 def schedule(plan: ClimbPlan) -> Figure:
-    """One row a limb, one column a step: bars coloured by surface, gaps while it swings."""
+    """Return one row a limb, one column a step: bars coloured by surface, gaps while it swings."""
     robot, instants = plan.robot, plan.instants
     n, steps = robot.limb_count, instants.count // 2
-    used = sorted({int(r) for r in plan.rounds.region.ravel()})
-    shade = {r: _SHADES[k % len(_SHADES)] for k, r in enumerate(used)}
-    figure = new_figure(1.3 + 0.42 * n, entries=len(used) + 1)
+    surfaces_used = sorted({int(r) for r in plan.rounds.region.ravel()})
+    shade = {r: _SHADES[k % len(_SHADES)] for k, r in enumerate(surfaces_used)}
+    figure = new_figure(1.3 + 0.42 * n, entries=len(surfaces_used) + 1)
     ax = figure.add_subplot()
     for limb in range(n):
         row = n - 1 - limb
@@ -42,7 +42,7 @@ def schedule(plan: ClimbPlan) -> Figure:
                 left=s * _STEP,
                 height=0.5,
                 facecolor="white",
-                edgecolor=palette.limb_color(limb),
+                edgecolor=palette.choose_limb_color(limb),
                 hatch="////",
                 lw=1.0,
             )
@@ -50,7 +50,7 @@ def schedule(plan: ClimbPlan) -> Figure:
         ax.barh(row, steps * _STEP - start, left=start, height=0.62, color=shade[surface])
     style_axes(ax)
     ax.grid(visible=False, axis="y")
-    ax.set_yticks(range(n), [limb_name(name) for name in reversed(robot.limb_names)])
+    ax.set_yticks(range(n), [format_limb_name(name) for name in reversed(robot.limb_names)])
     ax.set_xticks(
         [s * _STEP + _LIFT / 2 for s in range(steps)],
         [
@@ -61,9 +61,9 @@ def schedule(plan: ClimbPlan) -> Figure:
         else [str(s + 1) for s in range(steps)],
     )
     ax.set_xlim(-0.4, steps * _STEP)
-    handles = [Patch(facecolor=shade[r]) for r in used]
+    handles = [Patch(facecolor=shade[r]) for r in surfaces_used]
     handles.append(Patch(facecolor="white", edgecolor=palette.INK, hatch="////"))
-    names = [plain(plan.terrain.surfaces[r].name, 18) for r in used]
-    foot_legend(figure, handles, [*names, "in the air"])
-    heading(figure, "Contact schedule", plain(plan.contact_sequence, 90))
+    names = [format_plain(plan.terrain.surfaces[r].name, 18) for r in surfaces_used]
+    draw_foot_legend(figure, handles, [*names, "in the air"])
+    draw_heading(figure, "Contact schedule", format_plain(plan.contact_sequence, 90))
     return figure

@@ -14,16 +14,21 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from climbplan.arrays import Array
-from climbplan.climb.pages.series import LimbSeries, drawn_labels, limb_series, round_spans
+from climbplan.climb.pages.series import (
+    LimbSeries,
+    list_drawn_labels,
+    compute_limb_series,
+    find_round_spans,
+)
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
-    foot_legend,
-    heading,
-    limb_name,
-    panel_grid,
-    panel_title,
-    plain,
+    draw_foot_legend,
+    draw_heading,
+    format_limb_name,
+    build_panel_grid,
+    draw_panel_title,
+    format_plain,
     style_axes,
 )
 
@@ -33,12 +38,12 @@ _PANEL_HEIGHT = 1.75  # [in]
 
 def mark_rounds(ax: Axes, plan: ClimbPlan) -> None:
     """The instants' axis: rounds numbered at their middles, boundaries as fine lines."""
-    rounds = round_spans(plan)
+    rounds = find_round_spans(plan)
     stride = int(np.ceil(len(rounds) / MOST_ROUND_TICKS))
-    shown = rounds[::stride]
+    rounds_shown = rounds[::stride]
     numbers = plan.instants.round
-    ax.set_xticks([(span.first + span.last) / 2 for span in shown])
-    ax.set_xticklabels([str(numbers[span.first]) for span in shown])
+    ax.set_xticks([(span.first + span.last) / 2 for span in rounds_shown])
+    ax.set_xticklabels([str(numbers[span.first]) for span in rounds_shown])
     ax.tick_params(axis="x", length=0)
     ax.grid(visible=False, axis="x")
     edges = [[(span.first - 0.5, 0), (span.first - 0.5, 1)] for span in rounds[1:]]
@@ -49,9 +54,9 @@ def mark_rounds(ax: Axes, plan: ClimbPlan) -> None:
     ax.set_xlim(-0.5, plan.instants.count - 0.5)
 
 
-def rounds_label(plan: ClimbPlan) -> str:
-    """Label of the instants' axis."""
-    sizes = {span.last - span.first + 1 for span in round_spans(plan)}
+def format_rounds_label(plan: ClimbPlan) -> str:
+    """Return label of the instants' axis."""
+    sizes = {span.last - span.first + 1 for span in find_round_spans(plan)}
     each = f" ({sizes.pop()} instants each)" if len(sizes) == 1 else ""
     return f"round{each}"
 
@@ -91,7 +96,7 @@ _FRICTION = _Quantity(
 )
 
 
-def _panel(ax: Axes, plan: ClimbPlan, series: LimbSeries, limb: int, what: _Quantity) -> None:
+def _draw_panel(ax: Axes, plan: ClimbPlan, series: LimbSeries, limb: int, what: _Quantity) -> None:
     """One limb."""
     k = np.arange(plan.instants.count)
     value = what.value(series)
@@ -104,31 +109,31 @@ def _panel(ax: Axes, plan: ClimbPlan, series: LimbSeries, limb: int, what: _Quan
     ax.step(k, what.failure(series), where="mid", color=palette.FAILURE, lw=1.4, ls=(0, (5, 2)))
     ax.step(k, what.planned(series), where="mid", color=palette.REQUIRED, lw=0.8)
     marker = "o" if len(k) <= 120 else None
-    ax.plot(k, value, color=palette.limb_color(limb), lw=1.3, marker=marker, ms=2.2)
+    ax.plot(k, value, color=palette.choose_limb_color(limb), lw=1.3, marker=marker, ms=2.2)
     style_axes(ax)
     mark_rounds(ax, plan)
     worst = int(np.argmax(value))
-    where = drawn_labels(plan)[worst]
-    panel_title(ax, limb_name(series.name), f"{what.worst(series, worst)}: {where}")
+    where = list_drawn_labels(plan)[worst]
+    draw_panel_title(ax, format_limb_name(series.name), f"{what.worst(series, worst)}: {where}")
 
 
-def _by_limb(plan: ClimbPlan, what: _Quantity) -> Figure:
-    """One panel a limb, two columns, common axes."""
-    series = limb_series(plan)
+def _draw_by_limb(plan: ClimbPlan, what: _Quantity) -> Figure:
+    """Return one panel a limb, two columns, common axes."""
+    series = compute_limb_series(plan)
     columns = 2
     rows = -(-len(series) // columns)
     height = 1.25 + _PANEL_HEIGHT * rows
-    figure, axes = panel_grid(height, entries=4, rows=rows, columns=columns)
+    figure, axes = build_panel_grid(height, entries=4, rows=rows, columns=columns)
     ceiling = max(float(np.max(what.failure(s))) for s in series)
     highest = max(float(np.max(what.value(s))) for s in series)
-    for limb, one in enumerate(series):
+    for limb, limb_values in enumerate(series):
         # Down the left column first: limbs of one side stand under each other.
-        _panel(axes[limb % rows, limb // rows], plan, one, limb, what)
+        _draw_panel(axes[limb % rows, limb // rows], plan, limb_values, limb, what)
     for ax in axes.T.ravel()[len(series) :]:
         ax.set_visible(False)
     for column in range(columns):
         last = min(rows, len(series) - column * rows) - 1
-        axes[last, column].set_xlabel(rounds_label(plan))
+        axes[last, column].set_xlabel(format_rounds_label(plan))
         axes[last, column].tick_params(labelbottom=True)
     for row in range(rows):
         forces = what is _TORQUE and plan.robot.slides.any()
@@ -140,16 +145,16 @@ def _by_limb(plan: ClimbPlan, what: _Quantity) -> Figure:
         Line2D([], [], color=palette.REQUIRED, lw=1.0),
         Patch(color=palette.MUTED, alpha=0.22, lw=0),
     ]
-    foot_legend(figure, handles, [*what.names, "limb lifted"])
-    heading(figure, what.heading, plain(f"{plan.name}, {plan.robot.name}"))
+    draw_foot_legend(figure, handles, [*what.names, "limb lifted"])
+    draw_heading(figure, what.heading, format_plain(f"{plan.name}, {plan.robot.name}"))
     return figure
 
 
 def torque(plan: ClimbPlan) -> Figure:
-    """Torque of the worst joint of each limb over the instants."""
-    return _by_limb(plan, _TORQUE)
+    """Return torque of the worst joint of each limb over the instants."""
+    return _draw_by_limb(plan, _TORQUE)
 
 
 def friction(plan: ClimbPlan) -> Figure:
-    """Critical friction coefficient of each limb over the instants."""
-    return _by_limb(plan, _FRICTION)
+    """Return critical friction coefficient of each limb over the instants."""
+    return _draw_by_limb(plan, _FRICTION)

@@ -23,8 +23,8 @@ UNITS = {
 }
 
 
-def grip_figures(plan: ClimbPlan) -> dict[str, Any]:
-    """The section "grips" of a report; empty for robots without grippers.
+def compute_grip_figures(plan: ClimbPlan) -> dict[str, Any]:
+    """Return the section "grips" of a report; empty for robots without grippers.
 
     Pulls and margins are those of limbs in contact, worst over the instants; a margin that no pull
     uses up is null.
@@ -38,20 +38,22 @@ def grip_figures(plan: ClimbPlan) -> dict[str, Any]:
     onto = np.einsum("kni,kni->kn", plan.forces.force, instants.normal)
     margin = np.where(contact, grips.pull_margin, np.inf)
     k, limb = (int(i) for i in np.unravel_index(int(np.argmin(margin)), margin.shape))
-    share = np.abs(grips.wrist_torque) / gripper.wrist_max_torque
-    w, wrist, joint = (int(i) for i in np.unravel_index(int(np.argmax(share)), share.shape))
+    torque_ratio = np.abs(grips.wrist_torque) / gripper.wrist_max_torque
+    w, wrist, joint = (
+        int(i) for i in np.unravel_index(int(np.argmax(torque_ratio)), torque_ratio.shape)
+    )
     holds = []
     for region in np.unique(instants.region[contact]):
-        here = contact & (instants.region == region)
-        least = float(margin[here].min())
+        on_hold = contact & (instants.region == region)
+        min_margin = float(margin[on_hold].min())
         holds.append(
             {
                 "hold": plan.terrain.surfaces[region].name,
-                "limbs": [names[i] for i in np.flatnonzero(here.any(axis=0))],
+                "limbs": [names[i] for i in np.flatnonzero(on_hold.any(axis=0))],
                 "spines": float(grips.spines[region]),
-                "gripping_force": float(force[here].max()),
-                "pull": float(max(-onto[here].min(), 0.0)),
-                "pull_margin": least if np.isfinite(least) else None,
+                "gripping_force": float(force[on_hold].max()),
+                "pull": float(max(-onto[on_hold].min(), 0.0)),
+                "pull_margin": min_margin if np.isfinite(min_margin) else None,
             }
         )
     grip = {names[i]: float(force[contact[:, i], i].max(initial=0.0)) for i in range(len(names))}

@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.reports.camera import Camera, clear_view
+from climbplan.reports.camera import Camera, choose_clear_view
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.solids import Solid
@@ -28,7 +28,7 @@ class Box:
     upper: Array  # (3,) [m]
 
     def solid(self) -> Solid:
-        """The box as a solid."""
+        """Return the box as a solid."""
         return Solid.from_box("box", self.lower, self.upper)
 
     @property
@@ -45,15 +45,15 @@ class Patch:
     normal: Array  # (3,) unit, away from the material
 
 
-def oblique_camera(plan: ClimbPlan, azimuth_deg: float, elevation_deg: float) -> Camera:
-    """A view of the climb from the side where its obstacles hide less of it."""
+def choose_oblique_camera(plan: ClimbPlan, azimuth_deg: float, elevation_deg: float) -> Camera:
+    """Return a view of the climb from the side where its obstacles hide less of it."""
     corners = [solid.vertices for solid in plan.terrain.obstacles]
     blocks = np.concatenate(corners) if corners else np.empty((0, 3))
-    return clear_view(azimuth_deg, elevation_deg, plan.rounds.com, blocks)
+    return choose_clear_view(azimuth_deg, elevation_deg, plan.rounds.com, blocks)
 
 
-def limb_points(plan: ClimbPlan, com: Array, rpy: Array, angles: Array) -> Array:
-    """Shoulder, femur joint, knee and toe in the world, (..., N, 4, 3) [m].
+def compute_limb_points(plan: ClimbPlan, com: Array, rpy: Array, angles: Array) -> Array:
+    """Return shoulder, femur joint, knee and toe in the world, (..., N, 4, 3) [m].
 
     com, rpy: (..., 3); angles: (..., N, 3) [rad].
     """
@@ -63,57 +63,57 @@ def limb_points(plan: ClimbPlan, com: Array, rpy: Array, angles: Array) -> Array
     return points
 
 
-def hull_points(plan: ClimbPlan, com: Array, rpy: Array) -> Array:
-    """Corners (..., H, 3) of the body's hull in the world [m] for poses (..., 3)."""
+def compute_hull_points(plan: ClimbPlan, com: Array, rpy: Array) -> Array:
+    """Return corners (..., H, 3) of the body's hull in the world [m] for poses (..., 3)."""
     rotation = rotation_world_body(rpy)
     corners = np.einsum("...ij,kj->...ki", rotation, plan.robot.body_hull)
     placed: Array = com[..., None, :] + corners
     return placed
 
 
-def hull_faces(plan: ClimbPlan) -> list[Patch]:
-    """The faces of the body's hull, body frame."""
-    return _whole_faces(Solid.from_points("body", plan.robot.body_hull))
+def list_hull_faces(plan: ClimbPlan) -> list[Patch]:
+    """Return the faces of the body's hull, body frame."""
+    return _list_faces(Solid.from_points("body", plan.robot.body_hull))
 
 
-def shoulder_ring(plan: ClimbPlan) -> Array:
-    """Shoulders (N, 3) in the order in which they lie round the body, body frame [m]."""
+def sort_shoulders(plan: ClimbPlan) -> Array:
+    """Return shoulders (N, 3) in the order in which they lie round the body, body frame [m]."""
     shoulders = plan.robot.shoulder_body
     around = shoulders - shoulders.mean(axis=0)
     return shoulders[np.argsort(np.arctan2(around[:, 1], around[:, 0]))]
 
 
-def climb_box(plan: ClimbPlan) -> Box:
-    """Bounds of everything the robot does, with a margin [m]."""
-    joints = limb_points(
+def compute_climb_box(plan: ClimbPlan) -> Box:
+    """Return bounds of everything the robot does, with a margin [m]."""
+    joints = compute_limb_points(
         plan, plan.instants.com, plan.instants.rpy, plan.instants.joint_angles
     ).reshape(-1, 3)
-    hulls = hull_points(plan, plan.rounds.com, plan.rounds.rpy).reshape(-1, 3)
+    hulls = compute_hull_points(plan, plan.rounds.com, plan.rounds.rpy).reshape(-1, 3)
     points = np.concatenate([joints, hulls, plan.rounds.toes.reshape(-1, 3)])
     return Box(points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN)
 
 
 def clip(vertices: Array, solid: Solid) -> Array:
-    """The part of a convex polygon (V, 3) inside a solid: (V', 3), empty if there is none."""
+    """Return the part of a convex polygon (V, 3) inside a solid: (V', 3), empty if there is none."""
     polygon = np.asarray(vertices, float)
     for row, bound in zip(solid.A, solid.b, strict=True):
         if len(polygon) == 0:
             break
-        over = polygon @ row - bound
-        kept: list[Array] = []
+        excess = polygon @ row - bound
+        clipped: list[Array] = []
         for i in range(len(polygon)):
             j = (i + 1) % len(polygon)
-            if over[i] <= 0:
-                kept.append(polygon[i])
-            if (over[i] < 0 < over[j]) or (over[j] < 0 < over[i]):
-                t = over[i] / (over[i] - over[j])
-                kept.append(polygon[i] + t * (polygon[j] - polygon[i]))
-        polygon = np.array(kept).reshape(-1, 3)
+            if excess[i] <= 0:
+                clipped.append(polygon[i])
+            if (excess[i] < 0 < excess[j]) or (excess[j] < 0 < excess[i]):
+                t = excess[i] / (excess[i] - excess[j])
+                clipped.append(polygon[i] + t * (polygon[j] - polygon[i]))
+        polygon = np.array(clipped).reshape(-1, 3)
     return polygon if len(polygon) >= 3 else np.empty((0, 3))
 
 
-def _tube_panels(tube: Tube, box: Box) -> list[Patch]:
-    """Upright strips of the tube's wall between the box's heights."""
+def _split_tube(tube: Tube, box: Box) -> list[Patch]:
+    """Return upright strips of the tube's wall between the box's heights."""
     lower, upper = max(tube.lower, box.lower[2]), min(tube.upper, box.upper[2])
     if lower >= upper:
         return []
@@ -127,10 +127,10 @@ def _tube_panels(tube: Tube, box: Box) -> list[Patch]:
     return panels
 
 
-def surface_patches(surface: Surface, box: Box) -> list[Patch]:
-    """The part of a contact surface within a box, as flat patches."""
+def list_surface_patches(surface: Surface, box: Box) -> list[Patch]:
+    """Return the part of a contact surface within a box, as flat patches."""
     if isinstance(surface, Tube):
-        return _tube_panels(surface, box)
+        return _split_tube(surface, box)
     if isinstance(surface, Region):
         # Where wrists hold grippers before a wall, the wall is what is seen.
         on_wall = surface.material
@@ -139,18 +139,18 @@ def surface_patches(surface: Surface, box: Box) -> list[Patch]:
     raise TypeError(f"cannot draw a surface of type {type(surface).__name__}")
 
 
-def solid_faces(solid: Solid, box: Box) -> list[Patch]:
-    """The faces of the part of a convex solid within a box, corners in order."""
+def list_solid_faces(solid: Solid, box: Box) -> list[Patch]:
+    """Return the faces of the part of a convex solid within a box, corners in order."""
     cut = box.solid()
     if (solid.face_distance(cut.vertices) <= 0).all():
         return []  # the box lies inside: nothing of the solid's surface is seen
-    whole = [Patch(clip(f.vertices, cut), f.normal) for f in _whole_faces(solid)]
+    whole = [Patch(clip(f.vertices, cut), f.normal) for f in _list_faces(solid)]
     # Where the box cuts the solid, its own faces close the gap.
-    caps = [Patch(clip(f.vertices, solid), f.normal) for f in _whole_faces(cut)]
+    caps = [Patch(clip(f.vertices, solid), f.normal) for f in _list_faces(cut)]
     return [face for face in (*whole, *caps) if len(face.vertices)]
 
 
-def _whole_faces(solid: Solid) -> list[Patch]:
+def _list_faces(solid: Solid) -> list[Patch]:
     faces = []
     for normal, offset in zip(solid.A, solid.b, strict=True):
         corners = solid.vertices[np.abs(solid.vertices @ normal - offset) < _ON_FACE]

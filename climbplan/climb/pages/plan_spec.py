@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from climbplan.climb.schema.transition import TransitionSpec
 
 
-def plan_spec(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | None:
-    """The plan's own spec; None if its text is not a spec of its kind in this version.
+def parse_plan_spec(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | None:
+    """Return the plan's own spec; None if its text is not a spec of its kind in this version.
 
     A report is made of the plan's numbers, so a text that cannot be read only leaves gaps.
     """

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.pages.patches import limb_points
+from climbplan.climb.pages.patches import compute_limb_points
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, true_angles
-from climbplan.reports.key_frames import key_frames
+from climbplan.climb.plan.played import sample_instants, compute_true_angles
+from climbplan.reports.key_frames import select_key_frames
 
 TOLERANCE = 1e-3  # [m] largest error of any joint when played by linear interpolation
 
@@ -29,16 +29,16 @@ class Replay:
 
 
 def build_replay(plan: ClimbPlan) -> Replay:
-    """Frames of a plan's trajectory."""
+    """Return frames of a plan's trajectory."""
     moving = plan.trajectory
     instant = sample_instants(plan)
-    angles = true_angles(plan, instant)
-    points = limb_points(plan, moving.com, moving.rpy, angles)
+    angles = compute_true_angles(plan, instant)
+    points = compute_limb_points(plan, moving.com, moving.rpy, angles)
     values = np.column_stack([moving.com, points[:, :, 1:].reshape(len(moving.time), -1)])
     # Both sides of a change of contact or instant stay, so that it shows when it happens.
     change = (np.diff(moving.contact, axis=0) != 0).any(axis=1) | (np.diff(instant) != 0)
     forced = np.concatenate([[False], change]) | np.concatenate([change, [False]])
-    frames = key_frames(moving.time, values, forced, TOLERANCE)
+    frames = select_key_frames(moving.time, values, forced, TOLERANCE)
     return Replay(
         time=moving.time[frames],
         com=moving.com[frames],

@@ -6,15 +6,15 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from climbplan.climb.check.verification import verify
-from climbplan.climb.pages.figures import UNITS, key_figures
+from climbplan.climb.pages.figures import UNITS, compute_key_figures
 from climbplan.climb.pages.grip_figures import UNITS as GRIP_UNITS
-from climbplan.climb.pages.grip_figures import grip_figures
-from climbplan.climb.pages.plan_spec import plan_spec
+from climbplan.climb.pages.grip_figures import compute_grip_figures
+from climbplan.climb.pages.plan_spec import parse_plan_spec
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.climb.plan.layout import FORMAT_VERSION, FORMATS
 from climbplan.reports.plan_report import FigureOf, PlanReport
-from climbplan.reports.report_files import finite
+from climbplan.reports.report_files import replace_non_finite
 from climbplan.verification.verification import Verification
 
 if TYPE_CHECKING:
@@ -29,24 +29,24 @@ FIGURES: Mapping[str, Callable[[ClimbPlan], Figure]] = {
 }
 
 
-def figure_functions(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]]:
-    """The figures of a plan by file name; the feasible region only with a study.
+def select_figures(plan: ClimbPlan) -> dict[str, Callable[[ClimbPlan], Figure]]:
+    """Return the figures of a plan by file name; the feasible region only with a study.
 
     A transition also has its contact schedule, a robot with grippers its grips.
     """
-    own: dict[str, Callable[[ClimbPlan], Figure]] = {}
+    plan_figures: dict[str, Callable[[ClimbPlan], Figure]] = {}
     if plan.study is not None:
-        own["region"] = FigureOf("climbplan.climb.pages.figure_region:region")
+        plan_figures["region"] = FigureOf("climbplan.climb.pages.figure_region:region")
     if plan.kind == "transition":
-        own["schedule"] = FigureOf("climbplan.climb.pages.figure_schedule:schedule")
+        plan_figures["schedule"] = FigureOf("climbplan.climb.pages.figure_schedule:schedule")
     if plan.grips is not None:
-        own["grips"] = FigureOf("climbplan.climb.pages.figure_grips:grips")
-    return {**FIGURES, **own}
+        plan_figures["grips"] = FigureOf("climbplan.climb.pages.figure_grips:grips")
+    return {**FIGURES, **plan_figures}
 
 
-def _values(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
-    """Root attributes of the file, checks, times, sizes, and the key figures of a climb."""
-    spec = plan_spec(plan)
+def _build_values(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
+    """Return root attributes of the file, checks, times, sizes, and the key figures of a climb."""
+    spec = parse_plan_spec(plan)
     return {
         "format": FORMATS[plan.kind],
         "format_version": FORMAT_VERSION,
@@ -70,49 +70,49 @@ def _values(plan: ClimbPlan, verification: Verification) -> dict[str, Any]:
         "gap": plan.gap,
         "risk": None if plan.promise is None else plan.promise.told(),
         "worlds": None if plan.sample is None else plan.sample.as_dict(),
-        "timings": finite(plan.timings),
-        "solvers": finite(plan.solvers),
-        "sizes": finite(plan.sizes),
+        "timings": replace_non_finite(plan.timings),
+        "solvers": replace_non_finite(plan.solvers),
+        "sizes": replace_non_finite(plan.sizes),
         "verification": [check.as_dict() for check in verification.checks],
         "warnings": list(plan.warnings),
-        **key_figures(plan),
-        **grip_figures(plan),
-        **_transition(plan),
-        "figures": [f"figures/{name}.png" for name in figure_functions(plan)],
+        **compute_key_figures(plan),
+        **compute_grip_figures(plan),
+        **_describe_transition(plan),
+        "figures": [f"figures/{name}.png" for name in select_figures(plan)],
         "units": UNITS | (GRIP_UNITS if plan.grips is not None else {}),
     }
 
 
-def _transition(plan: ClimbPlan) -> dict[str, Any]:
-    """The contact sequence, and all that the search found."""
+def _describe_transition(plan: ClimbPlan) -> dict[str, Any]:
+    """Return the contact sequence, and all that the search found."""
     if plan.kind != "transition":
         return {}
-    listed: list[dict[str, Any]] = []
+    rows: list[dict[str, Any]] = []
     if plan.sequences is not None:
-        found = plan.sequences
-        for row, name in enumerate(found.name):
-            listed.append(
+        sequences = plan.sequences
+        for row, name in enumerate(sequences.name):
+            rows.append(
                 {
                     "name": name,
-                    "cost": float(found.cost[row]),
-                    "safety_torque": finite(float(found.safety_torque[row])),
-                    "safety_friction": finite(float(found.safety_friction[row])),
-                    "outcome": found.outcome[row],
+                    "cost": float(sequences.cost[row]),
+                    "safety_torque": replace_non_finite(float(sequences.safety_torque[row])),
+                    "safety_friction": replace_non_finite(float(sequences.safety_friction[row])),
+                    "outcome": sequences.outcome[row],
                 }
             )
-    return {"contact_sequence": plan.contact_sequence, "sequences": listed}
+    return {"contact_sequence": plan.contact_sequence, "sequences": rows}
 
 
-def _page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
-    """The page draws what is missing here itself."""
+def _build_page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
+    """Return the page draws what is missing here itself."""
     from climbplan.climb.pages.page import build_page
 
     pictures = ("schedule", "postures", "grips")
-    shown = {name.capitalize(): images[name] for name in pictures if name in images}
-    return build_page(plan, report, shown)
+    images_shown = {name.capitalize(): images[name] for name in pictures if name in images}
+    return build_page(plan, report, images_shown)
 
 
-_REPORT = PlanReport(read_climb, verify, _values, figure_functions, _page)
+_REPORT = PlanReport(read_climb, verify, _build_values, select_figures, _build_page)
 report_dict = _REPORT.report_dict
 write_report = _REPORT.write_report
 write_values = _REPORT.write_values

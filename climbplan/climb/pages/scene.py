@@ -9,19 +9,28 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.pages.patches import (
     Box,
-    climb_box,
-    oblique_camera,
-    shoulder_ring,
-    solid_faces,
-    surface_patches,
+    compute_climb_box,
+    choose_oblique_camera,
+    sort_shoulders,
+    list_solid_faces,
+    list_surface_patches,
 )
 from climbplan.climb.pages.replay import Replay, build_replay
-from climbplan.climb.pages.series import instant_labels
+from climbplan.climb.pages.series import list_instant_labels
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.climb.plan.played import START
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, Solids, polygons
+from climbplan.reports.viewer.scene import (
+    Boxes,
+    Forces,
+    Path,
+    Rods,
+    Scene,
+    Shape,
+    Solids,
+    build_polygons,
+)
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
@@ -29,27 +38,27 @@ from climbplan.robots.visual_geometry import BODY, compute_piece_poses, split_by
 
 
 def read_scene(path: FilePath) -> Scene:
-    """The scene of a climb or transition plan file.
+    """Return the scene of a climb or transition plan file.
 
     Raises PlanFileError for a damaged file.
     """
     plan = read_climb(path)
     frames = build_replay(plan)
     rotation = rotation_world_body(frames.rpy)
-    box = climb_box(plan)
-    camera = oblique_camera(plan, -63.0, 18.0)
+    box = compute_climb_box(plan)
+    camera = choose_oblique_camera(plan, -63.0, 18.0)
     return Scene(
         title=plan.name,
-        facts=_facts(plan),
+        facts=_list_facts(plan),
         time=frames.time,
-        caption=_captions(plan, frames),
+        caption=_write_captions(plan, frames),
         marks=np.flatnonzero(np.diff(frames.instant, prepend=START) != 0),
-        shapes=_terrain(plan, box),
-        paths=_paths(plan),
-        rods=_rods(plan, frames, rotation) if plan.looks is None else None,
-        boxes=_body(plan, frames, rotation) if plan.looks is None else None,
-        solids=_solids(plan, frames, rotation),
-        forces=_forces(plan, frames),
+        shapes=_build_terrain(plan, box),
+        paths=_build_paths(plan),
+        rods=_build_rods(plan, frames, rotation) if plan.looks is None else None,
+        boxes=_build_body(plan, frames, rotation) if plan.looks is None else None,
+        solids=_build_solids(plan, frames, rotation),
+        forces=_build_forces(plan, frames),
         lower=box.lower,
         upper=box.upper,
         azimuth_deg=camera.azimuth_deg,
@@ -57,25 +66,25 @@ def read_scene(path: FilePath) -> Scene:
     )
 
 
-def _facts(plan: ClimbPlan) -> tuple[str, ...]:
+def _list_facts(plan: ClimbPlan) -> tuple[str, ...]:
     forces = plan.forces
     torque, friction = forces.safety_torque.min(), forces.safety_friction.min()
     return (
         f"{plan.robot.name}, {plan.rounds.count} rounds, {plan.instants.count} instants",
         f"least S_tau {torque:.2f}, least S_mu {friction:.2f}",
-        *_without_looks(plan),
+        *_note_missing_visuals(plan),
     )
 
 
-def _without_looks(plan: ClimbPlan) -> tuple[str, ...]:
+def _note_missing_visuals(plan: ClimbPlan) -> tuple[str, ...]:
     """That the robot's own shape is known to its URDF alone, if so."""
     if plan.looks is not None or "<visual" not in plan.robot_texts.urdf:
         return ()
     return (f"drawn as capsules: the plan carries no visual geometry of {plan.robot.name}",)
 
 
-def _captions(plan: ClimbPlan, frames: Replay) -> tuple[str, ...]:
-    labels, forces = instant_labels(plan), plan.forces
+def _write_captions(plan: ClimbPlan, frames: Replay) -> tuple[str, ...]:
+    labels, forces = list_instant_labels(plan), plan.forces
     texts = [
         f"{label}: S_tau {torque:.2f}, S_mu {friction:.2f}"
         for label, torque, friction in zip(
@@ -85,47 +94,51 @@ def _captions(plan: ClimbPlan, frames: Replay) -> tuple[str, ...]:
     return tuple("before the first lift" if k == START else texts[k] for k in frames.instant)
 
 
-def _terrain(plan: ClimbPlan, box: Box) -> tuple[Shape, ...]:
+def _build_terrain(plan: ClimbPlan, box: Box) -> tuple[Shape, ...]:
     shapes = []
     for surface in plan.terrain.surfaces:
-        corners = [patch.vertices for patch in surface_patches(surface, box)]
+        corners = [patch.vertices for patch in list_surface_patches(surface, box)]
         if corners:
             note = f"{surface.name}  mu {surface.friction:g}"
-            shapes.append(polygons(surface.name, corners, palette.SURFACE, 0.45, note))
+            shapes.append(build_polygons(surface.name, corners, palette.SURFACE, 0.45, note))
     for solid in plan.terrain.obstacles:
-        corners = [face.vertices for face in solid_faces(solid, box)]
+        corners = [face.vertices for face in list_solid_faces(solid, box)]
         if corners:
-            shapes.append(polygons(solid.name, corners, palette.OBSTACLE, 0.9))
+            shapes.append(build_polygons(solid.name, corners, palette.OBSTACLE, 0.9))
     return tuple(shapes)
 
 
-def _paths(plan: ClimbPlan) -> tuple[Path, ...]:
+def _build_paths(plan: ClimbPlan) -> tuple[Path, ...]:
     com, toes = plan.rounds.com, plan.rounds.toes
     body = Path("body", np.stack([com[:-1], com[1:]], axis=1), palette.TRACE)
     limbs = [
-        Path(name, np.stack([toes[:-1, limb], toes[1:, limb]], axis=1), palette.limb_color(limb))
+        Path(
+            name,
+            np.stack([toes[:-1, limb], toes[1:, limb]], axis=1),
+            palette.choose_limb_color(limb),
+        )
         for limb, name in enumerate(plan.robot.limb_names)
     ]
     return (body, *limbs)
 
 
-def _rods(plan: ClimbPlan, frames: Replay, rotation: Array) -> Rods:
+def _build_rods(plan: ClimbPlan, frames: Replay, rotation: Array) -> Rods:
     robot, count = plan.robot, len(frames.time)
     root = joint_points_body(robot, np.zeros(plan.robot.joint_lower.shape))[:, 0]  # (N, 3)
     shoulder = frames.com[:, None] + np.einsum("fij,nj->fni", rotation, root)
     chain = np.concatenate([shoulder[:, :, None], frames.joints], axis=2)  # (F, N, J + 1, 3)
     links = np.stack([chain[:, :, :-1], chain[:, :, 1:]], axis=3)  # (F, N, J, 2, 3)
     joints = links.shape[2]
-    ring = shoulder_ring(plan)
+    ring = sort_shoulders(plan)
     frame = np.stack([ring, np.roll(ring, -1, axis=0)], axis=1)  # (N, 2, 3)
-    placed = frames.com[:, None, None] + np.einsum("fij,nkj->fnki", rotation, frame)
-    used = np.abs(plan.forces.motor_torques) / robot.max_torque  # (K, N, J)
+    frame_ends = frames.com[:, None, None] + np.einsum("fij,nkj->fnki", rotation, frame)
+    torque_ratio = np.abs(plan.forces.motor_torques) / robot.max_torque  # (K, N, J)
     load = np.zeros((count, robot.limb_count, joints))
     acting = frames.instant != START
-    load[acting] = used[frames.instant[acting]]
+    load[acting] = torque_ratio[frames.instant[acting]]
     limbs = robot.limb_count * joints
     radius = robot.limb_radius
-    ends = np.concatenate([links.reshape(count, limbs, 2, 3), placed], axis=1)
+    ends = np.concatenate([links.reshape(count, limbs, 2, 3), frame_ends], axis=1)
     frame_radius = np.full(len(ring), 0.6 * radius)
     if robot.gripper is not None:
         normal = plan.instants.normal[np.maximum(frames.instant, 0)]
@@ -133,44 +146,44 @@ def _rods(plan: ClimbPlan, frames: Replay, rotation: Array) -> Rods:
         grips = np.stack([wrist, wrist - robot.gripper.length * normal], axis=2)
         ends = np.concatenate([ends, grips], axis=1)
         frame_radius = np.append(frame_radius, np.full(robot.limb_count, 0.5 * radius))
-    others = len(frame_radius)
+    num_others = len(frame_radius)
     return Rods(
         ends=ends,
         radius=np.concatenate([np.full(limbs, radius), frame_radius]),
         color=(
-            *(palette.limb_color(n) for n in range(robot.limb_count) for _ in range(joints)),
-            *(palette.BODY for _ in range(others)),
+            *(palette.choose_limb_color(n) for n in range(robot.limb_count) for _ in range(joints)),
+            *(palette.BODY for _ in range(num_others)),
         ),
-        load=np.concatenate([load.reshape(count, limbs), np.zeros((count, others))], axis=1),
+        load=np.concatenate([load.reshape(count, limbs), np.zeros((count, num_others))], axis=1),
     )
 
 
-def _solids(plan: ClimbPlan, frames: Replay, rotation: Array) -> Solids | None:
+def _build_solids(plan: ClimbPlan, frames: Replay, rotation: Array) -> Solids | None:
     chain = plan.robot.mechanism
     if plan.looks is None or not isinstance(chain, SerialChain):
         return None
     pieces = split_by_link(plan.looks, chain)
-    place, turned = compute_piece_poses(pieces, chain, frames.angles)
-    used = np.abs(plan.forces.motor_torques) / plan.robot.max_torque  # (K, N, J)
+    positions, rotations = compute_piece_poses(pieces, chain, frames.angles)
+    torque_ratio = np.abs(plan.forces.motor_torques) / plan.robot.max_torque  # (K, N, J)
     load = np.zeros((len(frames.time), len(pieces)))
     acting = frames.instant != START
     for k, piece in enumerate(pieces):
         if piece.limb != BODY:
-            load[acting, k] = used[frames.instant[acting], piece.limb, piece.joint]
+            load[acting, k] = torque_ratio[frames.instant[acting], piece.limb, piece.joint]
     return Solids(
         vertices=tuple(piece.vertices for piece in pieces),
         faces=tuple(piece.faces for piece in pieces),
-        position=frames.com[:, None] + np.einsum("fij,fkj->fki", rotation, place),
-        rotation=np.einsum("fij,fkjl->fkil", rotation, turned),
+        position=frames.com[:, None] + np.einsum("fij,fkj->fki", rotation, positions),
+        rotation=np.einsum("fij,fkjl->fkil", rotation, rotations),
         color=tuple(
-            palette.BODY if piece.limb == BODY else palette.limb_color(piece.limb)
+            palette.BODY if piece.limb == BODY else palette.choose_limb_color(piece.limb)
             for piece in pieces
         ),
         load=load,
     )
 
 
-def _body(plan: ClimbPlan, frames: Replay, rotation: Array) -> Boxes:
+def _build_body(plan: ClimbPlan, frames: Replay, rotation: Array) -> Boxes:
     hull, count = plan.robot.body_hull, len(frames.time)
     lower, upper = hull.min(axis=0), hull.max(axis=0)
     center = frames.com + rotation @ ((lower + upper) / 2)
@@ -178,7 +191,7 @@ def _body(plan: ClimbPlan, frames: Replay, rotation: Array) -> Boxes:
     return Boxes(center[:, None], rotation[:, None], size, (palette.BODY,), 0.8)
 
 
-def _forces(plan: ClimbPlan, frames: Replay) -> Forces:
+def _build_forces(plan: ClimbPlan, frames: Replay) -> Forces:
     instants = plan.instants
     acting = frames.instant != START
     k: IntArray = np.where(acting, frames.instant, 0)

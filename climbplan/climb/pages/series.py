@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.reports.sheet import limb_name
+from climbplan.reports.sheet import format_limb_name
 from climbplan.robots.joint_units import torque_unit
 
 
@@ -37,21 +37,21 @@ class LimbSeries:
     lifted: tuple[Span, ...]  # when the limb is in the air
 
 
-def spans(mask: BoolArray) -> tuple[Span, ...]:
-    """Runs of True in a mask (K,)."""
+def find_spans(mask: BoolArray) -> tuple[Span, ...]:
+    """Return runs of True in a mask (K,)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return tuple(
         Span(int(first), int(last) - 1) for first, last in zip(edges[::2], edges[1::2], strict=True)
     )
 
 
-def least_at(values: Array) -> int:
-    """The first instant at which a value is least, to a millionth: a bound holds in many."""
+def find_minimum(values: Array) -> int:
+    """Return the first instant at which a value is least, to a millionth: a bound holds in many."""
     return int(np.argmax(values <= values.min() + 1e-6 * abs(values.min())))
 
 
-def limb_series(plan: ClimbPlan) -> tuple[LimbSeries, ...]:
-    """The series of every limb of a plan."""
+def compute_limb_series(plan: ClimbPlan) -> tuple[LimbSeries, ...]:
+    """Return the series of every limb of a plan."""
     instants, forces = plan.instants, plan.forces
     magnitude = np.abs(forces.motor_torques)  # (K, N, 3)
     limits = np.broadcast_to(plan.robot.max_torque, magnitude.shape)
@@ -72,27 +72,27 @@ def limb_series(plan: ClimbPlan) -> tuple[LimbSeries, ...]:
             mu_critical=forces.mu_critical[:, limb],
             mu=instants.mu[:, limb],
             mu_planned=instants.mu[:, limb] / plan.limits.safety_friction,
-            lifted=spans(instants.lifted[:, limb]),
+            lifted=find_spans(instants.lifted[:, limb]),
         )
         for limb, name in enumerate(plan.robot.limb_names)
     )
 
 
-def round_spans(plan: ClimbPlan) -> tuple[Span, ...]:
-    """The instants of each round, in order."""
+def find_round_spans(plan: ClimbPlan) -> tuple[Span, ...]:
+    """Return the instants of each round, in order."""
     numbers = plan.instants.round
     starts = np.flatnonzero(np.diff(numbers, prepend=numbers[0] - 1))
     ends = np.append(starts[1:], len(numbers)) - 1
     return tuple(Span(int(a), int(b)) for a, b in zip(starts, ends, strict=True))
 
 
-def instant_labels(plan: ClimbPlan) -> tuple[str, ...]:
-    """Where every instant stands in the gait."""
+def list_instant_labels(plan: ClimbPlan) -> tuple[str, ...]:
+    """Return where every instant stands in the gait."""
     names = plan.robot.limb_names
     return tuple(plan.instants.label(k, names) for k in range(plan.instants.count))
 
 
-def drawn_labels(plan: ClimbPlan) -> tuple[str, ...]:
-    """Where every instant stands in the gait, as it may be drawn."""
-    names = tuple(limb_name(name) for name in plan.robot.limb_names)
+def list_drawn_labels(plan: ClimbPlan) -> tuple[str, ...]:
+    """Return where every instant stands in the gait, as it may be drawn."""
+    names = tuple(format_limb_name(name) for name in plan.robot.limb_names)
     return tuple(plan.instants.label(k, names) for k in range(plan.instants.count))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.pages.plan_spec import plan_spec
+from climbplan.climb.pages.plan_spec import parse_plan_spec
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.climb.schema.model import ClimbSpec
 from climbplan.schema.base import SpecModel
@@ -29,41 +29,41 @@ class StudyAxis:
         return f"{self.key} [{self.unit}]" if self.unit else self.key
 
 
-def _path(key: str) -> list[str | int]:
-    return [int(part) if part.isdigit() else part for part in key.split(".")]
+def _split_key(key: str) -> list[str | int]:
+    return [int(segment) if segment.isdigit() else segment for segment in key.split(".")]
 
 
-def _unit(key: str) -> str:
+def _find_unit(key: str) -> str:
     slot: Slot | None = Slot(ClimbSpec)
-    for part in _path(key):
-        slot = slot.child(part) if slot is not None else None
+    for segment in _split_key(key):
+        slot = slot.child(segment) if slot is not None else None
     return slot.unit if slot is not None else ""
 
 
-def _own_value(spec: SpecModel | None, key: str) -> float | None:
-    """The number at a key of the plan's spec, defaults included; None if there is none."""
+def _read_plan_value(spec: SpecModel | None, key: str) -> float | None:
+    """Return the number at a key of the plan's spec, defaults included; None if there is none."""
     value: object = spec.model_dump() if spec is not None else None
-    for part in _path(key):
+    for segment in _split_key(key):
         if isinstance(value, dict):
-            value = value.get(str(part))
-        elif isinstance(value, (list, tuple)) and isinstance(part, int) and part < len(value):
-            value = value[part]
+            value = value.get(str(segment))
+        elif isinstance(value, (list, tuple)) and isinstance(segment, int) and segment < len(value):
+            value = value[segment]
         else:
             return None
     return float(value) if isinstance(value, (int, float)) else None
 
 
-def study_axes(plan: ClimbPlan, study: Study) -> tuple[StudyAxis, ...]:
-    """The one or two axes of a plan's study."""
-    spec = plan_spec(plan)
+def build_study_axes(plan: ClimbPlan, study: Study) -> tuple[StudyAxis, ...]:
+    """Return the one or two axes of a plan's study."""
+    spec = parse_plan_spec(plan)
     return tuple(
-        StudyAxis(key, _unit(key), np.asarray(values), _own_value(spec, key))
+        StudyAxis(key, _find_unit(key), np.asarray(values), _read_plan_value(spec, key))
         for key, values in zip(study.keys, study.values, strict=True)
     )
 
 
-def cell_edges(values: Array) -> Array:
-    """Borders (C+1,) half way between ascending grid values (C,)."""
+def compute_cell_edges(values: Array) -> Array:
+    """Return borders (C+1,) half way between ascending grid values (C,)."""
     if len(values) == 1:
         half = 0.5 * abs(values[0]) or 0.5
         return np.array([values[0] - half, values[0] + half])

@@ -19,15 +19,15 @@ from climbplan.arrays import Array
 from climbplan.climb.pages.patches import (
     Box,
     Patch,
-    hull_points,
-    limb_points,
-    shoulder_ring,
-    solid_faces,
-    surface_patches,
+    compute_hull_points,
+    compute_limb_points,
+    sort_shoulders,
+    list_solid_faces,
+    list_surface_patches,
 )
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
-from climbplan.reports.camera import Camera, silhouette
+from climbplan.reports.camera import Camera, compute_silhouette
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.surfaces import Region
 
@@ -35,8 +35,8 @@ _EDGE_ON = 0.25  # |cosine| below which a wall is drawn with its thickness
 _BEHIND, _MIDDLE = 1.0, 3.0  # drawing order: walls, then things by depth
 
 
-def gripper_tip(plan: ClimbPlan, wrist: Array, limb: int) -> Array | None:
-    """The grip's centre (3,) of a gripper square to the nearest surface; None without one."""
+def locate_gripper_tip(plan: ClimbPlan, wrist: Array, limb: int) -> Array | None:
+    """Return the grip's centre (3,) of a gripper square to the nearest surface; None without one."""
     if plan.robot.gripper is None:
         return None
     surface = plan.terrain.surfaces[plan.terrain.nearest_surface(limb, wrist)]
@@ -57,7 +57,7 @@ class View:
     cut_walls: bool = False  # walls seen from their edge show their thickness
 
     def _order(self, points: Array) -> float:
-        """Drawing order of something at these points, nearer later."""
+        """Return drawing order of something at these points, nearer later."""
         corners = np.array([self.box.lower, self.box.upper])
         reach = float(np.abs(corners - corners.mean(axis=0)).sum())
         depth = float(np.mean(self.camera.depth(points - corners.mean(axis=0))))
@@ -71,7 +71,7 @@ class View:
     def outline(self, points: Array, order: float | None = None, **style: Any) -> None:
         """The convex outline of points (K, 3)."""
         zorder = self._order(points) if order is None else order
-        flat = silhouette(self.camera.project(points))
+        flat = compute_silhouette(self.camera.project(points))
         self.ax.add_artist(Polygon(flat, zorder=zorder, **style))
 
     def line(self, points: Array, order: float | None = None, **style: Any) -> None:
@@ -88,7 +88,7 @@ class View:
     def terrain(self, plan: ClimbPlan) -> None:
         """Walls behind the robot filled, walls before it as outlines; obstacles solid."""
         for surface in plan.terrain.surfaces:
-            patches = surface_patches(surface, self.box)
+            patches = list_surface_patches(surface, self.box)
             for patch in patches:
                 if self.camera.faces_viewer(patch.normal):
                     self.polygon(patch.vertices, _BEHIND, fc=palette.SURFACE, alpha=0.28, lw=0)
@@ -98,7 +98,7 @@ class View:
             if self.cut_walls and isinstance(surface, Region):
                 self._thickness(surface)
         for solid in plan.terrain.obstacles:
-            for face in solid_faces(solid, self.box):
+            for face in list_solid_faces(solid, self.box):
                 if self.camera.faces_viewer(face.normal):
                     self._obstacle_face(face)
 
@@ -106,7 +106,7 @@ class View:
         """The material behind a wall, if it is seen from its edge."""
         if abs(float(self.camera.axes[2] @ region.normal)) > _EDGE_ON:
             return
-        faces = solid_faces(region.slab(), self.box)
+        faces = list_solid_faces(region.slab(), self.box)
         if faces:
             points = np.concatenate([face.vertices for face in faces])
             self.outline(points, _BEHIND, fc=palette.SURFACE, alpha=0.55, lw=0)
@@ -119,8 +119,8 @@ class View:
 
     def body(self, plan: ClimbPlan, com: Array, rpy: Array, *, color: str, alpha: float) -> None:
         """The body's box and the frame through its shoulders at a pose (3,), (3,)."""
-        box = hull_points(plan, com, rpy)
-        ring = com + shoulder_ring(plan) @ rotation_world_body(rpy).T
+        box = compute_hull_points(plan, com, rpy)
+        ring = com + sort_shoulders(plan) @ rotation_world_body(rpy).T
         order = self._order(com[None])
         self.outline(box, order, fc=color, ec=palette.INK, lw=0.6, alpha=alpha)
         self.outline(ring, order + 1e-3, fc=color, ec=palette.INK, lw=0.8, alpha=0.6 * alpha)
@@ -129,14 +129,14 @@ class View:
         self, plan: ClimbPlan, com: Array, rpy: Array, angles: Array, *, alpha: float, width: float
     ) -> None:
         """Links and toes of all limbs, angles (N, 3) [rad], in the limbs' colours."""
-        for limb, chain in enumerate(limb_points(plan, com, rpy, angles)):
-            color = palette.limb_color(limb)
+        for limb, chain in enumerate(compute_limb_points(plan, com, rpy, angles)):
+            color = palette.choose_limb_color(limb)
             for link in pairwise(chain):
                 ends = np.array(link)
                 self.line(ends, color=color, alpha=alpha, lw=width, solid_capstyle="round")
             size = math.sqrt(7 * width)
             self.dots(chain[3:], ms=size, color=color, alpha=alpha, mew=0)
-            tip = gripper_tip(plan, chain[-1], limb)
+            tip = locate_gripper_tip(plan, chain[-1], limb)
             if tip is not None:
                 ends = np.array([chain[-1], tip])
                 self.line(ends, color=palette.INK, alpha=alpha, lw=0.7 * width)
@@ -144,7 +144,7 @@ class View:
     def footholds(self, toes: Array, *, size: float) -> None:
         """Toe positions (M, N, 3) of all rounds in the limbs' colours; size: area [pt^2]."""
         for limb in range(toes.shape[1]):
-            color = palette.limb_color(limb)
+            color = palette.choose_limb_color(limb)
             self.dots(toes[:, limb], ms=math.sqrt(size), color=color, mew=0.4, mec="white")
 
     def plain_axes(self, horizontal: str) -> None:
@@ -204,5 +204,7 @@ class View:
             self._text(base + 0.075 * out, text, fontsize=8, color=palette.MUTED)
         self._text(center + 0.20 * out, label, fontsize=9, color=palette.INK)
 
-    def _text(self, at: Array, text: str, **style: Any) -> None:
-        self.ax.text(float(at[0]), float(at[1]), text, ha="center", va="center", **style)
+    def _text(self, position: Array, text: str, **style: Any) -> None:
+        self.ax.text(
+            float(position[0]), float(position[1]), text, ha="center", va="center", **style
+        )

@@ -36,7 +36,7 @@ class Rounds:
         return len(self.com) - 1
 
     def first(self, count: int) -> Rounds:
-        """The start and so many rounds after it."""
+        """Return the start and so many rounds after it."""
         return Rounds(**{name: value[: count + 1] for name, value in vars(self).items()})
 
 
@@ -65,16 +65,14 @@ class Instants:
         return len(self.round)
 
     def label(self, k: int, limb_names: tuple[str, ...]) -> str:
-        """Where instant k stands in the gait: "round 3, LM lifted" or "round 3, push 2"."""
-        here = f"round {self.round[k]}"
+        """Return where instant k stands in the gait: "round 3, LM lifted" or "round 3, push 2"."""
+        round_label = f"round {self.round[k]}"
         if self.lifted[k].any():
-            return (
-                f"{here}, {' '.join(limb_names[i] for i in np.flatnonzero(self.lifted[k]))} lifted"
-            )
-        same = self.round == self.round[k]
-        if same.sum() <= 2:
-            return f"{here}, push"
-        return f"{here}, push {(int(same[: k + 1].sum()) + 1) // 2}"
+            return f"{round_label}, {' '.join(limb_names[i] for i in np.flatnonzero(self.lifted[k]))} lifted"
+        in_round = self.round == self.round[k]
+        if in_round.sum() <= 2:
+            return f"{round_label}, push"
+        return f"{round_label}, push {(int(in_round[: k + 1].sum()) + 1) // 2}"
 
 
 @dataclass(frozen=True)
@@ -187,7 +185,7 @@ class ClimbPlan(PlanHeader):
 
     @property
     def contact_sequence(self) -> str:
-        """Which limbs move together, round by round: "3-3: RF RM LR | RR LM LF".
+        """Return which limbs move together, round by round: "3-3: RF RM LR | RR LM LF".
 
         Rounds of a climb that follows, in which limbs move one after the other, are counted only.
         """
@@ -195,14 +193,14 @@ class ClimbPlan(PlanHeader):
         steps = np.bincount(self.instants.round[::2], minlength=self.rounds.count + 1)
         together = steps[self.instants.round[::2]] == 1
         if not together.any():
-            return sequence_name(lifted, names)
-        text = sequence_name(lifted[together], names)
+            return format_sequence(lifted, names)
+        text = format_sequence(lifted[together], names)
         climbed = int((steps > 1).sum())
         return f"{text}; then {climbed} rounds limb by limb" if climbed else text
 
 
-def sequence_name(moved: BoolArray, limb_names: tuple[str, ...]) -> str:
-    """The name of a contact sequence, moved: (S, N) limbs of each step."""
-    counts = "-".join(str(int(step.sum())) for step in moved)
-    limbs = [" ".join(limb_names[i] for i in np.flatnonzero(step)) for step in moved]
+def format_sequence(step_limbs: BoolArray, limb_names: tuple[str, ...]) -> str:
+    """Return the name of a contact sequence, moved: (S, N) limbs of each step."""
+    counts = "-".join(str(int(step.sum())) for step in step_limbs)
+    limbs = [" ".join(limb_names[i] for i in np.flatnonzero(step)) for step in step_limbs]
     return f"{counts}: {' | '.join(limbs)}"

@@ -20,15 +20,15 @@ from climbplan.climb.plan.climb_plan import (
     Trajectory,
 )
 from climbplan.climb.plan.grip_store import read_grips, write_grips
-from climbplan.climb.plan.promise import NEEDED, Promise, promise_of
+from climbplan.climb.plan.promise import NEEDED, Promise, parse_promise
 from climbplan.climb.plan.robot_store import read_robot, read_robot_texts, write_robot
 from climbplan.climb.plan.terrain_store import read_terrain, write_terrain
-from climbplan.climb.plan.world_sample import REQUIRED, WorldSample, sample_from_dict
+from climbplan.climb.plan.world_sample import REQUIRED, WorldSample, parse_sample
 from climbplan.robots.model import Robot
 from climbplan.robots.visual_geometry import BODY, VisualGeometry
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets, write_json
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets, write_json
 from climbplan.store.root_attributes import (
     read_header,
     read_status,
@@ -47,40 +47,40 @@ _LOOKS_LAYOUT = {
 }
 
 
-def write_looks(group: h5py.Group, looks: VisualGeometry | None) -> None:
+def write_looks(group: h5py.Group, visual_geometry: VisualGeometry | None) -> None:
     """Add the group `looks` to that of a robot that has some."""
-    if looks is None:
+    if visual_geometry is None:
         return
-    own = group.create_group(_LOOKS)
+    subgroup = group.create_group(_LOOKS)
     for name, form in _LOOKS_LAYOUT.items():
-        value = vars(looks)[name]
+        value = vars(visual_geometry)[name]
         # To 0.01 mm, which halves what deflate leaves of them
-        write_dataset(own, name, np.round(value, 5), form, compressed=True)
+        write_dataset(subgroup, name, np.round(value, 5), form, compressed=True)
 
 
 def read_looks(reader: Reader, robot: Robot) -> VisualGeometry | None:
-    """The looks of a plan's robot, None where it has none.
+    """Return the looks of a plan's robot, None where it has none.
 
     Raises PlanFileError for what is misshapen or names links that are not there.
     """
     if not reader.has(f"robot/{_LOOKS}"):
         return None
-    found = reader.datasets(f"robot/{_LOOKS}", _LOOKS_LAYOUT)
-    looks = VisualGeometry(**found)
-    count, limb, joint = len(looks.vertices), looks.limb, looks.joint
+    arrays = reader.datasets(f"robot/{_LOOKS}", _LOOKS_LAYOUT)
+    visual_geometry = VisualGeometry(**arrays)
+    count, limb, joint = len(visual_geometry.vertices), visual_geometry.limb, visual_geometry.joint
     if len(limb) != count or len(joint) != count:
         raise reader.refuse(f"robot/{_LOOKS}: {count} vertices, expected a limb and joint for each")
-    if count == 0 or not len(looks.faces):
+    if count == 0 or not len(visual_geometry.faces):
         raise reader.refuse(f"robot/{_LOOKS} holds no triangle")
-    if looks.faces.min() < 0 or looks.faces.max() >= count:
+    if visual_geometry.faces.min() < 0 or visual_geometry.faces.max() >= count:
         raise reader.refuse(f"robot/{_LOOKS}/faces names a vertex that is not there")
     limbs, joints = robot.joint_lower.shape
     if limb.min() < BODY or limb.max() >= limbs or joint.min() < 0 or joint.max() >= joints:
         raise reader.refuse(f"robot/{_LOOKS} names a limb or joint that is not there")
-    corners = looks.faces
+    corners = visual_geometry.faces
     if any((carried[corners] != carried[corners[:, :1]]).any() for carried in (limb, joint)):
         raise reader.refuse(f"robot/{_LOOKS}/faces holds a triangle between two links")
-    return looks
+    return visual_geometry
 
 
 def write_climb(plan: ClimbPlan, path: Path) -> None:
@@ -89,7 +89,7 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
     An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
     the file cannot be written.
     """
-    with new_store(path) as file:
+    with create_store(path) as file:
         _write_header(file, plan)
         robot = file.create_group("robot")
         write_robot(robot, plan.robot, plan.robot_texts)
@@ -118,7 +118,7 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
 
 
 def read_climb(path: Path) -> ClimbPlan:
-    """The plan in a file, exactly as it was written.
+    """Return the plan in a file, exactly as it was written.
 
     Nothing in a file is ever run. Raises PlanFileError for anything that is not a whole climb
     plan: another format or version, missing or misshapen data, NaN where numbers must be.
@@ -130,7 +130,7 @@ def read_climb(path: Path) -> ClimbPlan:
 
 def read_as_found(path: Path) -> ClimbPlan:
     """As `read_climb`, but NaN and infinities are only listed, so that a check can report them."""
-    with opened_store(path) as file:
+    with open_store(path) as file:
         reader = Reader(path, file)
         require_plan(reader, layout.FORMAT_VERSION, *layout.FORMATS.values())
         return _read(reader)
@@ -174,8 +174,8 @@ def _read(reader: Reader) -> ClimbPlan:
         pushes = reader.array("instants/corner_force", layout.CORNER_FORCE)
         forces = replace(forces, corner_force=pushes)
     if robot.links is not None:
-        own = reader.array("instants/link_torques", layout.LINK_TORQUES)
-        forces = replace(forces, link_torques=own)
+        link_torques = reader.array("instants/link_torques", layout.LINK_TORQUES)
+        forces = replace(forces, link_torques=link_torques)
     trajectory = Trajectory(**reader.datasets("trajectory", layout.TRAJECTORY))
     bounds = reader.datasets("limits", layout.LIMITS)
     bounds |= {
@@ -222,9 +222,9 @@ def _read(reader: Reader) -> ClimbPlan:
 def _require_counts(reader: Reader, kind: str) -> None:
     """Dimensions that follow from one another, and that nothing is empty."""
     size = reader.dimensions
-    least = 2 if reader.has("robot/foot/axes_zero") else 3  # with flat feet two are enough
-    if size["N"] < least:
-        raise reader.refuse(f"robot has {size['N']} limbs, expected at least {least}")
+    min_limbs = 2 if reader.has("robot/foot/axes_zero") else 3  # with flat feet two are enough
+    if size["N"] < min_limbs:
+        raise reader.refuse(f"robot has {size['N']} limbs, expected at least {min_limbs}")
     if size["M1"] < 2:
         raise reader.refuse("rounds holds no round")
     expected = 2 * size["N"] * (size["M1"] - 1)
@@ -251,9 +251,9 @@ def _read_sequences(reader: Reader) -> Sequences:
 def _read_promise(reader: Reader) -> Promise | None:
     if not reader.has_attribute("", "risk"):
         return None
-    told = reader.mapping("risk", NEEDED)
+    stored_values = reader.mapping("risk", NEEDED)
     try:
-        return promise_of(told)
+        return parse_promise(stored_values)
     except (TypeError, ValueError, OverflowError) as error:
         raise reader.refuse(f"attribute risk is no promise: {error}") from error
 
@@ -263,7 +263,7 @@ def _read_sample(reader: Reader) -> WorldSample | None:
         return None
     values = reader.mapping("worlds", REQUIRED)
     try:
-        return sample_from_dict(values)
+        return parse_sample(values)
     except (TypeError, ValueError, OverflowError) as error:
         raise reader.refuse(f"attribute worlds is no sample of worlds: {error}") from error
 

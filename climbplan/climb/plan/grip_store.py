@@ -38,7 +38,7 @@ WRISTS = {
 }
 
 
-def _forces_layout(count: str) -> dict[str, Layout]:
+def _build_force_layouts(count: str) -> dict[str, Layout]:
     return {
         "grip": Layout((count, "N"), "N"),
         "palm": Layout((count, "N", 3), "N", "world"),
@@ -50,14 +50,14 @@ def write_gripper(group: h5py.Group, gripper: Gripper | None) -> None:
     """Add the group `gripper` of a robot that has some."""
     if gripper is None:
         return
-    own = group.create_group("gripper")
+    subgroup = group.create_group("gripper")
     for name in GRIPPER_NUMBERS:
-        own.attrs[name] = float(vars(gripper)[name])
-    write_datasets(own, GRIPPER, vars(gripper))
+        subgroup.attrs[name] = float(vars(gripper)[name])
+    write_datasets(subgroup, GRIPPER, vars(gripper))
 
 
 def read_gripper(reader: Reader) -> Gripper | None:
-    """The grippers of a plan's robot; None if it has none."""
+    """Return the grippers of a plan's robot; None if it has none."""
     where = "robot/gripper"
     if not reader.has(where):
         return None
@@ -80,13 +80,13 @@ def write_grips(file: h5py.File, grips: GripPlan | None) -> None:
     write_datasets(group, WRISTS, vars(grips))
     for name, count in STATES.items():
         target = group.create_group(name)
-        for part, layout in _forces_layout(count).items():
-            write_dataset(target, part, vars(vars(grips)[name])[part], layout)
+        for quantity, layout in _build_force_layouts(count).items():
+            write_dataset(target, quantity, vars(vars(grips)[name])[quantity], layout)
     write_dataset(group["trajectory"], "force", grips.trajectory_force, FORCE)
 
 
 def read_grips(reader: Reader, gripper: Gripper | None) -> GripPlan | None:
-    """The grips of a plan; None without grippers.
+    """Return the grips of a plan; None without grippers.
 
     Raises PlanFileError if only one of grippers and grips is there.
     """
@@ -104,8 +104,8 @@ def read_grips(reader: Reader, gripper: Gripper | None) -> GripPlan | None:
     states: dict[str, Any] = {
         name: GripForces(
             **{
-                part: reader.array(f"{GROUP}/{name}/{part}", layout)
-                for part, layout in _forces_layout(count).items()
+                quantity: reader.array(f"{GROUP}/{name}/{quantity}", layout)
+                for quantity, layout in _build_force_layouts(count).items()
             }
         )
         for name, count in STATES.items()

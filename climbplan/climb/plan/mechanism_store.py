@@ -54,7 +54,7 @@ def write_mechanism(group: h5py.Group, mechanism: Mechanism | None) -> None:
 
 
 def read_mechanism(reader: Reader) -> Mechanism | None:
-    """The mechanism of a plan's robot, None for coxa, femur and tibia.
+    """Return the mechanism of a plan's robot, None for coxa, femur and tibia.
 
     Raises PlanFileError for chains that are none: axes of no length, or names that do not fit.
     """
@@ -88,7 +88,7 @@ def read_mechanism(reader: Reader) -> Mechanism | None:
             "robot/chain/axis_zero: expected unit axes, zero where no joint is, or where one "
             "slides along a unit `slide_zero`"
         )
-    if "drive" in more and not _drives(more["drive"]):
+    if "drive" in more and not _is_valid_drive(more["drive"]):
         raise reader.refuse(
             "robot/chain/drive: expected joints that move by their own angle, or by one other that "
             "does"
@@ -96,28 +96,30 @@ def read_mechanism(reader: Reader) -> Mechanism | None:
     return SerialChain(rows, **arrays, **more)
 
 
-def _drives(drive: Array) -> bool:
-    """Whether joints (N, J, J) move by one angle each, that of a joint with an angle of its own."""
-    own = np.diagonal(drive, axis1=-2, axis2=-1) == 1.0  # (N, J)
-    others = drive * (1.0 - np.eye(drive.shape[-1]))
-    single = (others != 0).sum(axis=-1) <= 1
-    alone = ~own | (others == 0).all(axis=-1)
-    led = (others == 0) | own[..., None, :]
-    closed = (np.diagonal(drive, axis1=-2, axis2=-1) == 0.0) | own
-    return bool(single.all() and alone.all() and led.all() and closed.all())
+def _is_valid_drive(drive: Array) -> bool:
+    """Return whether joints (N, J, J) move by one angle each, that of a joint with an angle of its
+    own.
+    """
+    is_independent = np.diagonal(drive, axis1=-2, axis2=-1) == 1.0  # (N, J)
+    coupling = drive * (1.0 - np.eye(drive.shape[-1]))
+    is_single = (coupling != 0).sum(axis=-1) <= 1
+    is_alone = ~is_independent | (coupling == 0).all(axis=-1)
+    is_led = (coupling == 0) | is_independent[..., None, :]
+    is_closed = (np.diagonal(drive, axis1=-2, axis2=-1) == 0.0) | is_independent
+    return bool(is_single.all() and is_alone.all() and is_led.all() and is_closed.all())
 
 
 def write_capsules(group: h5py.Group, capsules: MountedCapsules | None) -> None:
     """Add the group `capsules`; nothing where links are straight and alike."""
     if capsules is None:
         return
-    own = group.create_group("capsules")
+    subgroup = group.create_group("capsules")
     for name, shape in CAPSULES.items():
-        write_dataset(own, name, vars(capsules)[name], shape)
+        write_dataset(subgroup, name, vars(capsules)[name], shape)
 
 
 def read_capsules(reader: Reader) -> MountedCapsules | None:
-    """The links of a plan's robot as capsules, None where they are straight and alike.
+    """Return the links of a plan's robot as capsules, None where they are straight and alike.
 
     Raises PlanFileError for capsules of joints that the robot does not have.
     """
@@ -138,14 +140,14 @@ def write_links(group: h5py.Group, links: LinkMasses | None) -> None:
     """Add the group `links`; nothing where limbs weigh nothing."""
     if links is None:
         return
-    own = group.create_group("links")
-    own.attrs["body_mass"] = links.body_mass
+    subgroup = group.create_group("links")
+    subgroup.attrs["body_mass"] = links.body_mass
     for name, shape in LINKS.items():
-        write_dataset(own, name, vars(links)[name], shape)
+        write_dataset(subgroup, name, vars(links)[name], shape)
 
 
 def read_links(reader: Reader) -> LinkMasses | None:
-    """What the links of a plan's robot weigh, None where its limbs weigh nothing.
+    """Return what the links of a plan's robot weigh, None where its limbs weigh nothing.
 
     Raises PlanFileError for masses that none can have, or that are not all of the robot's.
     """
@@ -166,19 +168,19 @@ def write_body_parts(group: h5py.Group, robot: Robot) -> None:
     """Add what limbs keep off, beside the hull, and pairs of parts that always touch."""
     if len(robot.touching):
         write_dataset(group, "touching", robot.touching, TOUCHING)
-    for number, part in enumerate(robot.body_parts):
-        write_dataset(group.require_group("body_parts"), str(number), part, BODY_PART)
+    for number, corners in enumerate(robot.body_parts):
+        write_dataset(group.require_group("body_parts"), str(number), corners, BODY_PART)
 
 
 def read_body_parts(reader: Reader) -> dict[str, Any]:
-    """Fields of the robot about that, empty where the plan has none."""
-    found: dict[str, Any] = {}
+    """Return fields of the robot about that, empty where the plan has none."""
+    arrays: dict[str, Any] = {}
     if reader.has("robot/touching"):
-        found["touching"] = reader.array("robot/touching", TOUCHING)
-    parts: list[Array] = []
-    while reader.has(f"robot/body_parts/{len(parts)}"):
-        parts.append(reader.array(f"robot/body_parts/{len(parts)}", BODY_PART))
-    return {**found, "body_parts": tuple(parts)}
+        arrays["touching"] = reader.array("robot/touching", TOUCHING)
+    body_parts: list[Array] = []
+    while reader.has(f"robot/body_parts/{len(body_parts)}"):
+        body_parts.append(reader.array(f"robot/body_parts/{len(body_parts)}", BODY_PART))
+    return {**arrays, "body_parts": tuple(body_parts)}
 
 
 def _read_five_bar(reader: Reader) -> FiveBar:
@@ -198,8 +200,8 @@ def write_joint_dynamics(group: h5py.Group, dynamics: JointDynamics | None) -> N
     """Add the group `joint_dynamics`; nothing where they follow from the limits of joints."""
     if dynamics is None:
         return
-    own = group.create_group("joint_dynamics")
-    write_datasets(own, JOINT_DYNAMICS, vars(dynamics))
+    subgroup = group.create_group("joint_dynamics")
+    write_datasets(subgroup, JOINT_DYNAMICS, vars(dynamics))
 
 
 def read_joint_dynamics(reader: Reader) -> JointDynamics | None:
@@ -211,8 +213,10 @@ def read_joint_dynamics(reader: Reader) -> JointDynamics | None:
         return None
     arrays = reader.datasets("robot/joint_dynamics", JOINT_DYNAMICS)
     for name, values in arrays.items():
-        least = float(values.min(initial=np.inf))
-        if least < 0 or (name == "rotor_inertia" and least == 0):
+        min_value = float(values.min(initial=np.inf))
+        if min_value < 0 or (name == "rotor_inertia" and min_value == 0):
             expected = "> 0" if name == "rotor_inertia" else ">= 0"
-            raise reader.refuse(f"robot/joint_dynamics/{name}: expected {expected}, got {least:g}")
+            raise reader.refuse(
+                f"robot/joint_dynamics/{name}: expected {expected}, got {min_value:g}"
+            )
     return JointDynamics(**arrays)

@@ -27,7 +27,7 @@ class Promise:
 
     @property
     def met(self) -> bool:
-        """Whether the upper limit is within the risk."""
+        """Return whether the upper limit is within the risk."""
         return self.upper <= self.risk
 
     @property
@@ -36,37 +36,37 @@ class Promise:
         return f"stands in {self.worlds - self.falls} of {self.worlds} worlds"
 
     def told(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return {**vars(self), "uncertainty": dict(self.uncertainty), "met": self.met}
 
 
 NEEDED = ("risk", "engine", "seed", "worlds", "falls", "lower", "upper", "uncertainty")
 
 
-def promise_of(told: Mapping[str, Any]) -> Promise:
-    """The promise in a plan file's values; raises ValueError or TypeError for what is none."""
-    falls, worlds = int(told["falls"]), int(told["worlds"])
+def parse_promise(stored_values: Mapping[str, Any]) -> Promise:
+    """Return the promise in a plan file's values; raises ValueError or TypeError for what is none."""
+    falls, worlds = int(stored_values["falls"]), int(stored_values["worlds"])
     if not 0 <= falls <= worlds or worlds < 1:
         raise ValueError(f"{falls} falls in {worlds} worlds")
     fells, helps, tried = (
-        tuple(map(str, told.get(name, ()))) for name in ("fells", "helps", "tried")
+        tuple(map(str, stored_values.get(name, ()))) for name in ("fells", "helps", "tried")
     )
     return Promise(
-        risk=float(told["risk"]),
-        engine=str(told["engine"]),
-        seed=int(told["seed"]),
+        risk=float(stored_values["risk"]),
+        engine=str(stored_values["engine"]),
+        seed=int(stored_values["seed"]),
         worlds=worlds,
         falls=falls,
-        lower=float(told["lower"]),
-        upper=float(told["upper"]),
-        uncertainty=dict(told["uncertainty"]),
+        lower=float(stored_values["lower"]),
+        upper=float(stored_values["upper"]),
+        uncertainty=dict(stored_values["uncertainty"]),
         fells=fells,
         helps=helps,
         tried=tried,
     )
 
 
-def interval_of(falls: int, worlds: int) -> tuple[float, float]:
+def compute_interval(falls: int, worlds: int) -> tuple[float, float]:
     """Return the exact 95 % interval of a probability (Clopper and Pearson 1934), by counts."""
     from scipy.special import betaincinv
 

@@ -54,7 +54,7 @@ def write_robot(group: h5py.Group, robot: Robot, texts: RobotTexts) -> None:
 
 
 def read_robot(reader: Reader) -> Robot:
-    """The robot of a plan; raises PlanFileError for what is missing or misshapen."""
+    """Return the robot of a plan; raises PlanFileError for what is missing or misshapen."""
     reader.group("robot")
     fields: dict[str, Any] = reader.datasets("robot", layout.ROBOT_TEXTS)
     fields |= {name: reader.number("robot", name) for name in layout.ROBOT_NUMBERS}
@@ -71,7 +71,7 @@ def read_robot(reader: Reader) -> Robot:
 
 
 def _read_foot(reader: Reader) -> Foot:
-    """Spherical feet, or flat ones where there are axes of soles."""
+    """Return spherical feet, or flat ones where there are axes of soles."""
     if not reader.has("robot/foot/axes_zero"):
         return Foot(radius=reader.number("robot/foot", "radius"))
     numbers = {n: reader.number("robot/foot", n) for n in layout.SOLE_NUMBERS}
@@ -80,7 +80,7 @@ def _read_foot(reader: Reader) -> Foot:
 
 
 def read_robot_texts(reader: Reader) -> RobotTexts:
-    """The files that the robot is from, as far as the plan carries them."""
+    """Return the files that the robot is from, as far as the plan carries them."""
     return RobotTexts(
         **{
             name: reader.text("robot", attribute)

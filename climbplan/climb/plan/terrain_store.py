@@ -21,18 +21,18 @@ def write_terrain(group: h5py.Group, terrain: Terrain) -> None:
     """All surfaces with their friction, limb permissions, obstacles and free regions."""
     surfaces = group.create_group("surfaces")
     for index, surface in enumerate(terrain.surfaces):
-        _write_surface(surfaces.create_group(_key(index)), surface)
+        _write_surface(surfaces.create_group(_format_key(index)), surface)
     write_dataset(group, "allowed", terrain.allowed, layout.ALLOWED)
     obstacles = group.create_group("obstacles")
     for index, solid in enumerate(terrain.obstacles):
-        target = obstacles.create_group(_key(index))
+        target = obstacles.create_group(_format_key(index))
         _write_half_spaces(target, solid)
         write_dataset(target, "vertices", solid.vertices, layout.VERTICES)
     choices = group.create_group("free_choices")
     for index, choice in enumerate(terrain.free_choices):
-        options = choices.create_group(_key(index))
+        options = choices.create_group(_format_key(index))
         for option, free in enumerate(choice):
-            _write_half_spaces(options.create_group(_key(option)), free)
+            _write_half_spaces(options.create_group(_format_key(option)), free)
     if terrain.scan is not None:
         scan = group.create_group("scan")
         for name, shape in layout.SCAN.items():
@@ -44,7 +44,7 @@ def write_terrain(group: h5py.Group, terrain: Terrain) -> None:
 
 
 def read_terrain(reader: Reader, where: str) -> Terrain:
-    """The terrain in the group `where`.
+    """Return the terrain in the group `where`.
 
     Raises PlanFileError for what is missing or misshapen, and for surfaces of an unknown kind.
     """
@@ -59,12 +59,12 @@ def read_terrain(reader: Reader, where: str) -> Terrain:
     obstacles = tuple(
         Solid(
             vertices=reader.array(f"{name}/vertices", layout.VERTICES),
-            **_half_spaces(reader, name),
+            **_read_half_spaces(reader, name),
         )
         for name in reader.members(f"{where}/obstacles")
     )
     choices = tuple(
-        tuple(FreeRegion(**_half_spaces(reader, option)) for option in reader.members(choice))
+        tuple(FreeRegion(**_read_half_spaces(reader, option)) for option in reader.members(choice))
         for choice in reader.members(f"{where}/free_choices")
     )
     allowed = reader.array(f"{where}/allowed", layout.ALLOWED)
@@ -84,8 +84,8 @@ def _read_scan(reader: Reader, where: str) -> RawSurface:
     return RawSurface(**fields)
 
 
-def _key(index: int) -> str:
-    """Names of members in numerical order when sorted as text."""
+def _format_key(index: int) -> str:
+    """Return names of members in numerical order when sorted as text."""
     return f"{index:04d}"
 
 
@@ -95,7 +95,7 @@ def _write_half_spaces(group: h5py.Group, body: Solid | FreeRegion) -> None:
     write_dataset(group, "b", body.b, layout.HALF_SPACES["b"])
 
 
-def _half_spaces(reader: Reader, name: str) -> dict[str, Any]:
+def _read_half_spaces(reader: Reader, name: str) -> dict[str, Any]:
     A = reader.array(f"{name}/A", layout.HALF_SPACES["A"])
     b = reader.array(f"{name}/b", layout.HALF_SPACES["b"])
     if len(A) != len(b):
@@ -138,8 +138,8 @@ def _read_hold(reader: Reader, where: str) -> Hold:
 def _read_surface(reader: Reader, where: str) -> Surface:
     kind = reader.text(where, "kind")
     name, friction = reader.text(where, "name"), reader.number(where, "friction")
-    given = reader.has_attribute(where, "standoff")
-    standoff = reader.number(where, "standoff") if given else 0.0
+    has_standoff = reader.has_attribute(where, "standoff")
+    standoff = reader.number(where, "standoff") if has_standoff else 0.0
     if kind == "flat":
         arrays = {
             field: reader.array(f"{where}/{field}", shape) for field, shape in layout.FLAT.items()

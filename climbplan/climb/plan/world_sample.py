@@ -36,19 +36,19 @@ class WorldSample:
 
     @property
     def enough(self) -> bool:
-        """Whether the plan stands in at least `MIN_STANDING` of the worlds."""
+        """Return whether the plan stands in at least `MIN_STANDING` of the worlds."""
         return self.worlds - self.falls >= MIN_STANDING * self.worlds
 
     def as_dict(self) -> dict[str, Any]:
-        """JSON-ready values."""
+        """Return JSON-ready values."""
         return {**vars(self), "uncertainty": dict(self.uncertainty), "causes": list(self.causes)}
 
 
 REQUIRED = ("engine", "seed", "worlds", "falls", "lower", "upper", "uncertainty")
 
 
-def sample_from_dict(values: Mapping[str, Any]) -> WorldSample:
-    """The sample in a plan file's values; raises ValueError or TypeError for what is none."""
+def parse_sample(values: Mapping[str, Any]) -> WorldSample:
+    """Return the sample in a plan file's values; raises ValueError or TypeError for what is none."""
     falls, worlds = int(values["falls"]), int(values["worlds"])
     if not 0 <= falls <= worlds or worlds < 1:
         raise ValueError(f"{falls} falls in {worlds} worlds")
@@ -64,8 +64,8 @@ def sample_from_dict(values: Mapping[str, Any]) -> WorldSample:
     )
 
 
-def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
-    """Wilson score interval, 95 %, of a probability by `successes` among `trials`."""
+def compute_wilson_interval(successes: int, trials: int) -> tuple[float, float]:
+    """Return Wilson score interval, 95 %, of a probability by `successes` among `trials`."""
     p = successes / trials
     scale = 1 + _Z**2 / trials
     middle = (p + _Z**2 / (2 * trials)) / scale

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+from climbplan.deprecation import renamed_module_names
+
 
 class ExitCode(IntEnum):
     """Exit codes of every command."""
@@ -69,7 +71,7 @@ class UnsoundPlan(ClimbplanError):
     exit_code = ExitCode.UNVERIFIED
 
 
-class PlanFails(ClimbplanError):
+class VerificationFailed(ClimbplanError):
     """A plan that does not do what it says, as where the simulated robot falls.
 
     plan: the plan itself, where it was made in Python (`climbplan.plan`).
@@ -85,9 +87,9 @@ class MissingSolver(UsageError):
 
 @dataclass(frozen=True)
 class Remedy:
-    """One change that is enough to make a refused problem feasible, as far as its stage can tell.
+    """A change that makes an infeasible problem feasible, as far as the failed stage can tell.
 
-    Where a key of the spec stands for it, `--set key=value` makes the change.
+    `--set key=value` makes the change where it is one of a spec key.
     """
 
     words: str  # "mu >= 0.83"
@@ -99,20 +101,20 @@ class Remedy:
 
     @property
     def option(self) -> str:
-        """The change as an option of the command line, "" where no key stands for it."""
+        """The change as an option of the command line; "" if it is none of a spec key."""
         if not self.key:
             return ""
         return f"--set {shlex.quote(f'{self.key}={self.yaml}')}"
 
     @property
     def yaml(self) -> str:
-        """The value as a spec has it."""
+        """The value as YAML."""
         if isinstance(self.value, tuple):
             return f"[{', '.join(_number(v) for v in self.value)}]"
         return _number(self.value)
 
     def as_dict(self) -> dict[str, object]:
-        """For `--json`."""
+        """Return plain values for `--json`."""
         value = list(self.value) if isinstance(self.value, tuple) else self.value
         return {"key": self.key, "value": value, "words": self.words}
 
@@ -134,7 +136,7 @@ class Conflict:
     names: tuple[str, ...] = ()  # of the checks that judge them: one a constraint, or of all words
 
     def __str__(self) -> str:
-        what = " and ".join(self._named())
+        what = " and ".join(self._constraints_with_checks())
         verb = " conflict" if len(self.constraints) > 1 else " cannot be met"
         if self.in_words:
             verb = ""
@@ -144,7 +146,7 @@ class Conflict:
         cure = cure + " or ".join(map(str, self.remedies)) if self.remedies else ""
         return f"{self.where}: {what}{verb}{cure}"
 
-    def _named(self) -> tuple[str, ...]:
+    def _constraints_with_checks(self) -> tuple[str, ...]:
         """The constraints, each with the name of its check in brackets."""
         if self.in_words or not self.names:
             told = f" [{', '.join(self.names)}]" if self.names else ""
@@ -190,7 +192,7 @@ class Infeasible(NoPlanFound):
     status = "infeasible"
 
 
-class NotProved(NoPlanFound):
+class Unresolved(NoPlanFound):
     """A method found no plan within restrictions of its own, which proves nothing.
 
     because: the restrictions, for people ("rotations linearised, workspaces as balls").
@@ -241,3 +243,8 @@ class ReachFailure(NoPlanFound):
         gap = f" by {1e3 * missing:.1f} mm" if missing > 0 else ""
         text = f"{prefix}{limb} cannot reach its toe: {reason}{gap}"
         super().__init__(text, stage="kinematics")
+
+
+# Old names of these errors, which user code may still catch
+_RENAMED = {"NotProved": "Unresolved", "PlanFails": "VerificationFailed"}
+__getattr__ = renamed_module_names(__name__, _RENAMED, globals())

@@ -23,7 +23,7 @@ from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene.climb_scene import build_scene
 from climbplan.climb.schema.loading import load_text
 from climbplan.errors import LimitReached
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 from climbplan.solvers.ipopt.instances import solve_ipopt
 
 Answer = TypeVar("Answer")
@@ -35,7 +35,7 @@ def prepared_patches(rounds: int, seed: int) -> CoupledProblem:
     """climb_patches over more rounds, payload by seed."""
     mass = float(np.random.default_rng(seed).uniform(0.0, 1.5))
     given = [f"task.rounds={rounds}", f"task.payload.mass={mass:.3f}"]
-    loaded = load_text(example_text("climb_patches"), "climb_patches", given)
+    loaded = load_text(read_example("climb_patches"), "climb_patches", given)
     return prepare_problem(build_scene(loaded.spec, loaded.robot, loaded.source), PostureMargins())
 
 

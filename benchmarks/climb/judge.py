@@ -8,7 +8,7 @@ from typing import TextIO
 
 from benchmarks.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.promise import interval_of
+from climbplan.climb.plan.promise import compute_interval
 from climbplan.climb.simulation.risk.estimation import RiskEstimate, estimate_risk
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.request import Engine
@@ -61,7 +61,7 @@ def bench_judge(seed: int, quick: bool, out: TextIO, count: int | None = None) -
     number = sum(total.values())
     print(_line("all", total, spent, number), file=out)
     same = total[_STANDS, _STANDS] + total[_FALLS, _FALLS]
-    low, high = interval_of(same, number)
+    low, high = compute_interval(same, number)
     print(
         f"same end in {same} of {number} worlds: {same / number:.1%} ({low:.1%} to {high:.1%})",
         file=out,

@@ -10,7 +10,7 @@ from climbplan.climb.motion.motion import StageClock, plan_motion, plan_support
 from climbplan.climb.motion.trajectory import plan_trajectory
 from climbplan.climb.scene.climb_scene import build_scene
 from climbplan.climb.schema.loading import load_text
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 
 _PUBLISHED_TOTAL = 1.380  # [s] Gurobi, i7-8750H, posture and force stages (Table 5.1)
 
@@ -18,7 +18,7 @@ _PUBLISHED_TOTAL = 1.380  # [s] Gurobi, i7-8750H, posture and force stages (Tabl
 def bench_plan(seed: int, quick: bool, out: TextIO) -> None:
     """The whole decoupled plan of climb_obstacle: postures, kinematics, forces, trajectory."""
     loaded = load_text(
-        example_text("climb_obstacle"), "climb_obstacle", [f"seed={seed}", "margins=none"]
+        read_example("climb_obstacle"), "climb_obstacle", [f"seed={seed}", "margins=none"]
     )
     repeats = 3 if quick else 9
     stages: dict[str, list[float]] = {}

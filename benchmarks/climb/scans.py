@@ -22,7 +22,7 @@ from benchmarks.climb.triangle_walls import triangles
 from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.motion.motion import StageClock, plan_motion
 from climbplan.errors import NoPlanFound, SpecError, UsageError
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 
 _QUICK = ("stairs", "slope_towr")
 _METHODS = ("micp", "sl1-relaxation")
@@ -164,7 +164,7 @@ def _planned(name: str, where: Path, overrides: list[str]) -> Planned | str:
         path = Path(spare, f"{name}.yaml")
         path.write_text(spec_of(name, where))
         robot = "robot_long_climber"
-        path.with_name(f"{robot}.yaml").write_text(example_text(robot))
+        path.with_name(f"{robot}.yaml").write_text(read_example(robot))
         try:
             return planned_spec(path, overrides)
         except (NoPlanFound, SpecError) as error:

@@ -15,7 +15,7 @@ from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
-from climbplan.schema.examples import example_data, example_text
+from climbplan.schema.examples import read_example, read_example_data
 
 SCENES = (  # that MuJoCo can play
     "climb_nonparallel",
@@ -55,8 +55,8 @@ def planned_scene(name: str, overrides: list[str]) -> Planned:
     """A shipped spec planned with overrides."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder, f"{name}.yaml")
-        path.write_text(example_text(name))
-        for data, content in example_data(name).items():
+        path.write_text(read_example(name))
+        for data, content in read_example_data(name).items():
             path.with_name(data).write_bytes(content)
         return planned_spec(path, overrides)
 

@@ -28,7 +28,7 @@ from climbplan.climb.transition.sequence_planning import (
     plan_and_verify_sequence,
 )
 from climbplan.climb.transition.stance_forces import SearchTables
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 from climbplan.schema.source import SourceText
 
 _STARTS, _QUICK = 50, 6
@@ -67,7 +67,7 @@ def run_transition(seed: int, quick: bool, stream: TextIO) -> None:
 
 def _measured(rounds: int, seed: int, starts: int) -> _Row:
     text = SourceText(
-        "transition_flat", "transition_flat", Path.cwd(), example_text("transition_flat")
+        "transition_flat", "transition_flat", Path.cwd(), read_example("transition_flat")
     )
     loaded = load_transition_text(text, [f"task.rounds={rounds}"])
     scene = build_transition(loaded)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from benchmarks.limms.published import TABLE
 from climbplan.limms.schema.loading import LoadedLimms, limms_of
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 from climbplan.schema.source import SourceText
 from climbplan.schema.yaml_source import parse_yaml
 
@@ -26,5 +26,5 @@ WITH_MASS = {  # assignments to the spec; the two that are not here are held by 
 
 def shipped_scene(name: str) -> LoadedLimms:
     """A shipped spec by its name."""
-    text = example_text(name)
+    text = read_example(name)
     return limms_of(parse_yaml(text, name), SourceText(name, name, Path.cwd(), text))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from climbplan.schema.document import Document
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 from climbplan.schema.overrides import apply_overrides
 from climbplan.schema.source import SourceText
 from climbplan.schema.yaml_source import parse_yaml
@@ -24,7 +24,7 @@ TASKS = ("mpc_forward", "mpc_disturbance", "mpc_turn", "mpc_stairs")
 
 def shipped(name: str, *assignments: str) -> LoadedMpc:
     """A shipped spec of kind `mpc`, with assignments as of `--set`."""
-    text = SourceText(name, name, Path.cwd(), example_text(name))
+    text = SourceText(name, name, Path.cwd(), read_example(name))
     document: Document = apply_overrides(parse_yaml(text.text, text.shown), assignments)
     return validate_mpc(document, text)
 

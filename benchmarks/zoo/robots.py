@@ -8,7 +8,7 @@ from importlib.resources import as_file
 from pathlib import Path
 
 from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
-from climbplan.schema.examples import example_resource
+from climbplan.schema.examples import locate_example_resource
 
 PACKAGE = "example-robot-data"
 
@@ -24,7 +24,7 @@ class Zoo:
     def urdf(self, stack: ExitStack) -> Path:
         """Its URDF, there until the stack closes; raises UsageError without the package."""
         if self.ours:
-            return stack.enter_context(as_file(example_resource(self.part)))
+            return stack.enter_context(as_file(locate_example_resource(self.part)))
         return find_package_urdf(f"{PACKAGE}:{self.part}")
 
 

@@ -28,9 +28,9 @@ def load_spec_to_verify(path: Path, spec: str, assignments: Sequence[str] | None
 def require_verifiable(path: Path, option: str) -> str:
     """Return the kind of a plan file; raises UsageError for files not made from one spec."""
     from climbplan.schema.holding import RULES
-    from climbplan.store.plan_format import plan_format
+    from climbplan.store.plan_format import read_plan_format
 
-    kind = plan_format(path).partition("/")[2]
+    kind = read_plan_format(path).partition("/")[2]
     if kind not in RULES:
         raise UsageError(
             f"{path}: a {kind}, which cannot be verified against {option}; expected a plan"
@@ -54,7 +54,7 @@ def match_spec_to_plan(path: Path, loaded: object, option: str) -> HeldSpec:
     from climbplan.climb.schema.transition_loading import LoadedTransition
     from climbplan.schema.holding import compare_specs
     from climbplan.schema.loaded import LoadedSpec
-    from climbplan.store.spec_text import stored_spec_text
+    from climbplan.store.spec_text import read_spec_text
 
     kind = require_verifiable(path, option)
     spec_kind = str(vars(vars(loaded).get("spec", loaded))["kind"])
@@ -66,4 +66,4 @@ def match_spec_to_plan(path: Path, loaded: object, option: str) -> HeldSpec:
         loaded = apply_scan(resolve_start_plan(loaded))
     elif isinstance(loaded, LoadedTransition):
         loaded = apply_scan(loaded)
-    return compare_specs(loaded, vars(loaded)["spec"], stored_spec_text(path))
+    return compare_specs(loaded, vars(loaded)["spec"], read_spec_text(path))

@@ -1,4 +1,4 @@
-"""The kinds of plan file, and what reads each; nothing is imported before it is needed."""
+"""The kinds of plan files and the modules that read them, imported when first used."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PlanKind:
-    """One kind of plan file, and the family whose modules read it, by the same names in each."""
+    """One kind of plan file; the modules that read it have the same names in every family."""
 
     family: str  # its folder
     csv_name: str  # of the exported file
@@ -29,14 +29,19 @@ class PlanKind:
     def _module(self, name: str) -> Any:
         return import_module(f"climbplan.{self.family}.{name}")
 
-    def verify(self, path: Path, held: HeldSpec | None = None) -> Verification:
-        """Re-check every constraint from the file alone; held: against another spec."""
-        own = self._module("check.verification").verify
-        verification: Verification = own(path) if held is None else own(path, held)
+    def verify(self, path: Path, user_spec: HeldSpec | None = None) -> Verification:
+        """Check every constraint again from the file alone, or against the user's own spec."""
+        check_plan = self._module("check.verification").verify
+        verification: Verification = (
+            check_plan(path) if user_spec is None else check_plan(path, user_spec)
+        )
         return verification
 
-    def verifier(self) -> Callable[[Path], Verification]:
-        """As `verify`, and writes the outcome into the file; imported before it is timed."""
+    def load_verifier(self) -> Callable[[Path], Verification]:
+        """Return the function that verifies a file and writes the outcome into it.
+
+        The modules are imported here, so that callers can time the verification alone.
+        """
         mark: Callable[[Path], Verification] = self._module("check.verification").verify_and_mark
         return mark
 
@@ -45,34 +50,37 @@ class PlanKind:
     ) -> None:
         """Write page, figures and report.json into a directory.
 
-        verification: of this very file if it was made already.
+        Args:
+            path: the plan file.
+            directory: an existing directory.
+            verification: the outcome for this file; None verifies it again.
         """
         self._module("pages.report").write_report(path, directory, verification)
 
     def write_values(
         self, path: Path, directory: Path, verification: Verification | None = None
     ) -> None:
-        """Write report.json alone into a directory; arguments as of `write_report`."""
+        """Write report.json alone into a directory; None as `verification` verifies again."""
         self._module("pages.report").write_values(path, directory, verification)
 
     def report_dict(self, path: Path) -> dict[str, object]:
-        """The report as plain values."""
+        """Return the contents of report.json."""
         values: dict[str, object] = self._module("pages.report").report_dict(path)
         return values
 
     def export_csv(self, path: Path, out: Path | TextIO) -> None:
-        """The plan as CSV."""
+        """Write the plan as CSV."""
         self._module("exports.table").export_csv(path, out)
 
-    def motion(self, path: Path) -> RobotMotion:
-        """What robots and other simulators are told; UsageError for files without a motion."""
+    def read_motion(self, path: Path) -> RobotMotion:
+        """Read the motion for robots and other simulators; raises UsageError without motion."""
         if not self.moves:
-            raise UsageError(f"{path}: nothing in it moves: --format csv is what there is")
+            raise UsageError(f"{path}: it holds no motion; expected --format csv")
         motion: RobotMotion = self._module("exports.motion").read_motion(path)
         return motion
 
-    def scene(self, path: Path) -> Scene:
-        """What `view` shows; UsageError for files that have nothing in space."""
+    def read_scene(self, path: Path) -> Scene:
+        """Read the scene that `view` shows; raises UsageError for files without geometry."""
         if not self.is_in_space:
             raise UsageError(
                 f"{path}: a dataset; `report` draws its statistics, `view` shows plans"
@@ -91,21 +99,21 @@ KINDS = {
 }
 
 
-def plan_kind(path: Path) -> PlanKind:
-    """What reads the plan file at `path`.
+def identify_kind(path: Path) -> PlanKind:
+    """Return the kind of the plan file at `path`.
 
     Raises:
-        PlanFileError: it is missing or damaged, or no plan.
+        PlanFileError: the file is missing, damaged or not a plan.
     """
-    from climbplan.store.plan_format import plan_format
+    from climbplan.store.plan_format import read_plan_format
 
-    found = plan_format(path)
-    if found == "climbplan/program":
+    format_name = read_plan_format(path)
+    if format_name == "climbplan/program":
         raise PlanFileError(
             f"{path}: answers of `climbplan solve`, which only `climbplan verify --problem` reads; "
             "report.json is beside them"
         )
-    if found not in KINDS:
-        known = ", ".join(repr(name) for name in KINDS)
-        raise PlanFileError(f"{path}: holds {found!r}, expected one of {known}")
-    return KINDS[found]
+    if format_name not in KINDS:
+        names = ", ".join(repr(name) for name in KINDS)
+        raise PlanFileError(f"{path}: holds {format_name!r}, expected one of {names}")
+    return KINDS[format_name]

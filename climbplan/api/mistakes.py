@@ -18,4 +18,4 @@ def placed_mistakes(loaded: LoadedSpec) -> Iterator[None]:
     try:
         yield
     except SpecError as error:
-        raise loaded.placed(error) from error
+        raise loaded.locate(error) from error

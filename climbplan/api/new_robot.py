@@ -14,7 +14,7 @@ from climbplan.climb.proposed.proposed import format_file_name, plan_proposal
 from climbplan.climb.simulation.risk.sampling import sample_worlds
 from climbplan.climb.simulation.risk.suggestions import suggest_knowledge
 from climbplan.errors import UsageError
-from climbplan.reports.robot_page import robot_page
+from climbplan.reports.robot_page import build_robot_page
 from climbplan.robots.urdf.proposal.generator import propose_robot, read_tree
 from climbplan.robots.urdf.proposal.robot_document import format_robot_document, format_urdf_path
 from climbplan.walking.planner.proposed_walk import ProposedWalk, plan_proposed_walk
@@ -87,7 +87,9 @@ def new_robot(
         for one in outcomes
     ]
     visual_geometry = load_visual_geometry(proposal.draft.load_robot(), proposal.robot, _TRIANGLES)
-    page = {f"{planned.name}.html": robot_page(proposal, planned.brace, badges, visual_geometry)}
+    page = {
+        f"{planned.name}.html": build_robot_page(proposal, planned.brace, badges, visual_geometry)
+    }
     return NewRobot(planned.name, planned.files | walks | page, tuple(notes))
 
 

@@ -1,4 +1,4 @@
-"""Plans of one shape for every kind: what their file holds, and what can be done with it."""
+"""Plans of all kinds as Python objects: arrays of the plan file, checks, reports, replays."""
 
 from __future__ import annotations
 
@@ -16,24 +16,25 @@ from typing import TYPE_CHECKING, Any
 import h5py
 import numpy as np
 
-from climbplan.api.kinds import PlanKind, plan_kind
+from climbplan.api.kinds import PlanKind, identify_kind
 from climbplan.api.plan_path import PLAN_FILE, find_plan
+from climbplan.deprecation import RenamedAttribute, renamed_parameters
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.store.hdf5_layout import Kind, Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_reading import Reader, open_store
 
 if TYPE_CHECKING:
     import pandas
 
     from climbplan.api.loading import SpecSource
-    from climbplan.simulation.report_files import Told
+    from climbplan.simulation.report_files import SimulationRecord
     from climbplan.verification.verification import Verification
 
 _KINDS: dict[str, Kind] = {"f": "float", "i": "int", "u": "int", "b": "bool"}
 
 
 class Folder:
-    """A directory of its own for a plan that nobody has saved, there as long as it is looked at."""
+    """A temporary directory of an unsaved plan, removed with the last object that reads from it."""
 
     def __init__(self) -> None:
         self.path = Path(tempfile.mkdtemp(prefix="climbplan."))
@@ -48,7 +49,7 @@ class Group:
 
     def __init__(self, path: Path, name: str, folder: Folder | None) -> None:
         self._path, self._name, self._folder = path, name, folder
-        with opened_store(path) as file:
+        with open_store(path) as file:
             group = Reader(path, file).group(name) if name else file
             self._members = {
                 key: isinstance(group.get(key, getlink=True), h5py.HardLink)
@@ -58,7 +59,7 @@ class Group:
             self._attributes = {key: _value(value) for key, value in group.attrs.items()}
 
     def __getattr__(self, name: str) -> Any:
-        """An array, group or attribute of the file."""
+        """Return an array, group or attribute of the file."""
         members = vars(self).get("_members", {})
         if name in members:
             value = self._group(name) if members[name] else self._array(name)
@@ -66,26 +67,28 @@ class Group:
             return value
         if name in vars(self).get("_attributes", {}):
             return self._attributes[name]
-        raise AttributeError(f"{self._shown} has no {name!r}; it has {', '.join(self._names())}")
+        raise AttributeError(
+            f"{self._description} has no {name!r}; it has {', '.join(self._names())}"
+        )
 
     def __getitem__(self, name: str) -> Any:
-        """The same by a path: `plan["instants/force"]`."""
-        here: Any = self
-        for part in name.split("/"):
+        """Return the same by its path: `plan["instants/force"]`."""
+        member: Any = self
+        for key in name.split("/"):
             try:
-                here = getattr(here, part)
+                member = getattr(member, key)
             except AttributeError as error:
                 raise KeyError(str(error)) from None
-        return here
+        return member
 
     def __dir__(self) -> list[str]:
         return [*super().__dir__(), *self._names()]
 
     def __repr__(self) -> str:
-        return f"<{self._shown}: {', '.join(self._names())}>"
+        return f"<{self._description}: {', '.join(self._names())}>"
 
     @property
-    def _shown(self) -> str:
+    def _description(self) -> str:
         return f"group {self._name!r}"
 
     def _names(self) -> list[str]:
@@ -97,15 +100,15 @@ class Group:
 
     def _array(self, name: str) -> Any:
         full = f"{self._name}/{name}" if self._name else name
-        with opened_store(self._path) as file:
+        with open_store(self._path) as file:
             reader = Reader(self._path, file)
-            held = file[full]
-            shape = tuple(held.shape or ())
-            if h5py.check_string_dtype(held.dtype) is not None:
+            dataset = file[full]
+            shape = tuple(dataset.shape or ())
+            if h5py.check_string_dtype(dataset.dtype) is not None:
                 return reader.texts(full, Layout(shape, kind="text"))
-            kind = _KINDS.get(held.dtype.kind)
+            kind = _KINDS.get(dataset.dtype.kind)
             if kind is None:
-                raise reader.refuse(f"{full} holds {held.dtype}, which no plan has")
+                raise reader.refuse(f"{full} holds {dataset.dtype}, which no plan has")
             array = reader.array(full, Layout(shape, kind=kind, may_be_nan=True))
         array.flags.writeable = False
         return array
@@ -116,53 +119,72 @@ class Plan(Group):
 
     Arrays, groups and root attributes of its file are attributes: `plan.rounds.com` (M+1, 3) of a
     climb, `plan.force` (T, 4, 3) of a walk, `plan.status`, `plan.objective`. Units and frames are
-    those of the file, told by `plan.units("rounds/com")` and in the page on plan files.
+    those of the file: `plan.units("rounds/com")` returns them, the page on plan files lists them.
     """
 
     def __init__(self, path: Path, folder: Folder | None = None) -> None:
-        self._kind: PlanKind = plan_kind(path)
+        self._kind: PlanKind = identify_kind(path)
         super().__init__(path, "", folder)
         self.summary: tuple[str, ...] = self._texts("summary")  # lines of the run that made it
         self.warnings: tuple[str, ...] = self._texts("warnings")
 
     @property
     def kind(self) -> str:
-        """Such as "climb", "mpc"."""
+        """The kind of the spec that it was planned from, such as "climb" or "mpc"."""
         return str(self._attributes["format"]).removeprefix("climbplan/")
 
     def units(self, name: str) -> tuple[str, str]:
-        """Units and frame of an array by its path: `("m", "world")`."""
-        with opened_store(self._path) as file:
+        """Return units and frame of an array by its path: `("m", "world")`."""
+        with open_store(self._path) as file:
             if name not in file or not isinstance(file[name], h5py.Dataset):
                 raise UsageError(f"no array {name!r} in this plan")
-            told = file[name].attrs
-            return str(told.get("units", "")), str(told.get("frame", ""))
+            attributes = file[name].attrs
+            return str(attributes.get("units", "")), str(attributes.get("frame", ""))
 
+    @renamed_parameters(set="overrides")
     def verify(
-        self, spec: SpecSource | None = None, set: Mapping[str, Any] | None = None
+        self, spec: SpecSource | None = None, overrides: Mapping[str, Any] | None = None
     ) -> Verification:
-        """Every constraint checked again from the file alone; `.passed`, `.badge`, `.table()`.
+        """Check every constraint again, from the file alone.
 
-        spec, set: your own spec in place of the one that the plan carries, as `climbplan.load`
-        takes them. Raises UsageError for a spec of another kind.
+        Args:
+            spec: your own spec in place of the one stored in the plan, in any form that
+                `climbplan.load_spec` takes; None means the stored one.
+            overrides: values by dotted key that replace those of `spec`.
+
+        Returns:
+            The checks, with `.passed`, `.badge` and `.table()`.
+
+        Raises:
+            UsageError: the spec is of another kind, or `overrides` come without a spec.
         """
         if spec is None:
-            if set:
-                raise UsageError("`set` changes the spec that `spec` names, and there is none")
+            if overrides:
+                raise UsageError("`overrides` change the spec given as `spec`, and none is given")
             return self._kind.verify(self._path)
-        from climbplan.api.holding import held_against
-        from climbplan.api.loading import load
+        from climbplan.api.holding import match_spec_to_plan
+        from climbplan.api.loading import load_spec
 
-        return self._kind.verify(self._path, held_against(self._path, load(spec, set), "a spec"))
+        return self._kind.verify(
+            self._path, match_spec_to_plan(self._path, load_spec(spec, overrides), "a spec")
+        )
 
     def _texts(self, name: str) -> tuple[str, ...]:
-        """Lines of text of the file; none of kinds that have none."""
+        """Return the lines of a text dataset; () for kinds of plans that have none."""
         return tuple(self._array(name)) if self._members.get(name) is False else ()
 
     def save(self, path: str | Path, force: bool = False) -> Path:
-        """Copy the plan file, whole or not at all; a folder gets `plan.h5`. Returns its path.
+        """Copy the plan file, completely or not at all.
 
-        Raises UsageError if a file is there and `force` is not set, or nothing can be written.
+        Args:
+            path: file to write; in a directory, or a path without suffix, it is `plan.h5`.
+            force: replace an existing file.
+
+        Returns:
+            The path of the copy.
+
+        Raises:
+            UsageError: the file exists and `force` is not set, or it cannot be written.
         """
         target = Path(path)
         if target.is_dir() or target.suffix == "":
@@ -171,21 +193,21 @@ class Plan(Group):
             raise UsageError(f"{target}: already exists; force=True replaces it")
         try:
             target.parent.mkdir(parents=True, exist_ok=True)
-            number, aside = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
+            number, temporary = tempfile.mkstemp(prefix=f".{target.name}.", dir=target.parent)
             os.close(number)
             try:
-                shutil.copyfile(self._path, aside)
-                os.replace(aside, target)
+                shutil.copyfile(self._path, temporary)
+                os.replace(temporary, target)
             finally:
-                Path(aside).unlink(missing_ok=True)
+                Path(temporary).unlink(missing_ok=True)
         except OSError as error:
             raise UsageError(f"{target}: cannot be written: {error.strerror or error}") from error
         return target
 
-    def report(self, folder: str | Path) -> Path:
-        """Write report.html, report.json and figures/ into a folder; the path of the page.
+    def write_report(self, folder: str | Path) -> Path:
+        """Write report.html, report.json and figures/ into a folder and return the page's path.
 
-        Files of an older report there are replaced. Needs nothing else to be looked at.
+        Files of an older report in the folder are replaced. The page is self-contained.
         """
         target = Path(folder)
         target.mkdir(parents=True, exist_ok=True)
@@ -193,7 +215,7 @@ class Plan(Group):
         return target / "report.html"
 
     def to_csv(self, path: str | Path | None = None) -> str:
-        """Motion (of climbs, walks, modules), placements or rows as CSV; written to `path`, too."""
+        """Return motion, placements or rows as CSV text; write them to `path` if given."""
         stream = io.StringIO()
         self._kind.export_csv(self._path, stream)
         if path is not None:
@@ -201,7 +223,7 @@ class Plan(Group):
         return stream.getvalue()
 
     def to_frame(self) -> pandas.DataFrame:
-        """The same as a pandas table; raises MissingSolver where pandas is not installed."""
+        """Return the CSV table as a pandas DataFrame; raises MissingSolver without pandas."""
         try:
             import pandas
         except ImportError:
@@ -218,84 +240,102 @@ class Plan(Group):
         pictures: bool = False,
         **conditions: Any,
     ) -> Simulation:
-        """Replay the plan in MuJoCo: `.stands`, `.slips`, `.report`.
+        """Replay the plan in MuJoCo.
 
-        folder: for report.json, report.html, simulation.csv and figures. runs: in random worlds.
-        conditions: fields of `climbplan.simulation.conditions.Conditions`, such as
-        `friction=0.8` (factor) or `payload=1.0` (kg). Raises UsageError for others,
-        MissingSolver without MuJoCo, and PlanFileError for kinds without a simulated model.
+        Args:
+            folder: directory for report.json, report.html, simulation.csv and figures; None writes
+                nothing.
+            runs: further replays in randomised worlds.
+            seed: of the randomised worlds.
+            jobs: worker processes of the randomised worlds.
+            pictures: draw the figures.
+            conditions: fields of `climbplan.simulation.conditions.Conditions`, such as
+                `friction=0.8` (factor) or `payload=1.0` (kg).
+
+        Returns:
+            The outcome, with `.passed`, `.fall_time`, `.slips` and `.data`.
+
+        Raises:
+            UsageError: a condition is not known.
+            MissingSolver: MuJoCo is not installed.
+            PlanFileError: plans of this kind have no simulated model.
         """
-        from climbplan.api.simulating import simulator
+        from climbplan.api.simulating import find_simulator
 
-        _, run = simulator(self._path)(self._path)
-        from climbplan.simulation.asked import Asked
+        _, run = find_simulator(self._path)(self._path)
         from climbplan.simulation.conditions import Conditions
         from climbplan.simulation.report_files import write_simulation
+        from climbplan.simulation.request import SimulationRequest
 
         try:
-            world = Conditions(**conditions)
+            scenario = Conditions(**conditions)
         except TypeError:
-            known = ", ".join(Conditions.__dataclass_fields__)
-            strange = ", ".join(sorted(set(conditions) - set(Conditions.__dataclass_fields__)))
-            raise UsageError(f"no condition {strange}: expected some of {known}") from None
-        asked = Asked(world, runs=runs, seed=seed, jobs=jobs, pictures=pictures)
-        told, lines = run(asked, lambda stage, fraction: None)
+            names = ", ".join(Conditions.__dataclass_fields__)
+            unknown = ", ".join(sorted(set(conditions) - set(Conditions.__dataclass_fields__)))
+            raise UsageError(f"no condition {unknown}: expected some of {names}") from None
+        request = SimulationRequest(scenario, runs=runs, seed=seed, jobs=jobs, pictures=pictures)
+        record, lines = run(request, lambda stage, fraction: None)
         if folder is not None:
             Path(folder).mkdir(parents=True, exist_ok=True)
-            write_simulation(told, Path(folder))
-        return Simulation(told, tuple(lines))
+            write_simulation(record, Path(folder))
+        return Simulation(record, tuple(lines))
+
+    report = RenamedAttribute("write_report")
 
     @property
-    def _shown(self) -> str:
+    def _description(self) -> str:
         return f"this plan of kind {self.kind}"
 
     def __repr__(self) -> str:
-        told = self._attributes
-        badge = told.get("badge") or ("verified" if told.get("verified") else "not verified")
-        return f"<Plan of kind {self.kind}: {told.get('status')}, {badge}>"
+        root = self._attributes
+        badge = root.get("badge") or ("verified" if root.get("verified") else "not verified")
+        return f"<Plan of kind {self.kind}: {root.get('status')}, {badge}>"
 
 
 @dataclass(frozen=True)
 class Simulation:
-    """What a replay showed."""
+    """The outcome of a replay in MuJoCo."""
 
-    told: Told
+    record: SimulationRecord
     lines: tuple[str, ...]  # on random runs
 
     @property
-    def stands(self) -> bool:
+    def passed(self) -> bool:
         """Whether the robot did not fall, and slipped no more than its kind lets pass."""
-        return not self.told.end.failure(None)
+        return not self.record.end.failure(None)
 
     @property
     def slips(self) -> int:
-        """Toes that slid."""
-        return self.told.end.slips
+        """Number of toes that slid."""
+        return self.record.end.slips
 
     @property
     def fall_time(self) -> float | None:
-        """[s], None of a robot that stands to the end."""
-        return self.told.end.fall_time
+        """Time of the fall [s]; None if the robot did not fall."""
+        return self.record.end.fall_time
 
     @property
-    def report(self) -> Mapping[str, Any]:
+    def data(self) -> Mapping[str, Any]:
         """All figures, as in report.json."""
-        return self.told.report
+        return self.record.report
+
+    stands = RenamedAttribute("passed")
+    report = RenamedAttribute("data")
 
     def __repr__(self) -> str:
-        return f"<Simulation: {self.told.headline}>"
+        return f"<Simulation: {self.record.headline}>"
 
 
-def read(path: str | Path) -> Plan:
-    """A plan file, or the one in an output directory; nothing of it is run.
+def load_plan(path: str | Path) -> Plan:
+    """Open a plan file, or the one in an output directory; no code in it is executed.
 
-    Raises PlanFileError for a file that is missing, damaged or no plan.
+    Raises PlanFileError for a file that is missing, damaged or not a plan.
     """
     return Plan(find_plan(Path(path)))
 
 
 def _value(value: Any) -> Any:
-    """An attribute as Python has it; what is stored as JSON text is read."""
+    """Convert a stored attribute to a Python value; JSON text is parsed."""
     if isinstance(value, bytes):
         value = value.decode("utf-8", errors="replace")
     if isinstance(value, str) and value[:1] in ("{", "["):

@@ -22,9 +22,9 @@ _NO_WORLDS = (
 def require_climb(path: Path) -> None:
     """Raise UsageError for a file that is no climb or transition, whose worlds none could count."""
     from climbplan.climb.plan.layout import FORMATS
-    from climbplan.store.plan_format import plan_format
+    from climbplan.store.plan_format import read_plan_format
 
-    if plan_format(path) not in FORMATS.values():
+    if read_plan_format(path) not in FORMATS.values():
         raise UsageError(f"--worlds: {path} {_NO_WORLDS}")
 
 

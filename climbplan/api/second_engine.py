@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.progress import Progress
-from climbplan.store.hdf5_reading import opened_store
-from climbplan.store.plan_format import plan_format
+from climbplan.store.hdf5_reading import open_store
+from climbplan.store.plan_format import read_plan_format
 
 if TYPE_CHECKING:
     from climbplan.simulation.drake.report import Run
@@ -36,16 +36,16 @@ def simulate_in_drake(
         PlanFileError: the plan is neither a climb nor a transition.
         UsageError: the robot is not from a URDF, or its motion cannot be exported.
     """
-    from climbplan.simulation.drake.plant import pydrake
+    from climbplan.simulation.drake.plant import import_pydrake
     from climbplan.simulation.drake.simulating import read_stored_urdf, simulate_exported
 
-    kind = plan_format(plan)
+    kind = read_plan_format(plan)
     if kind not in _KINDS:
         raise PlanFileError(
             f"{plan}: holds {kind!r}; --engine drake plays climbs and transitions "
             f"({', '.join(_KINDS)})"
         )
-    pydrake("common")
+    import_pydrake("common")
     read_stored_urdf(plan)
     _require_toes_that_press(plan)
     exported = directory / EXPORTED
@@ -58,7 +58,7 @@ def simulate_in_drake(
 
 def plan_name(plan: Path) -> str:
     """Return the name of a plan in a file."""
-    with opened_store(plan) as file:
+    with open_store(plan) as file:
         return str(file.attrs.get("name", plan.parent.name))
 
 
@@ -79,11 +79,13 @@ def export_for_drake(plan: Path, directory: Path, *, with_regulator: bool) -> No
 
     Raises UsageError for robots whose motion or regulator cannot be exported.
     """
-    from climbplan.api.kinds import plan_kind
+    from climbplan.api.kinds import identify_kind
     from climbplan.climb.exports.regulator_files import write_regulator
-    from climbplan.exports.formats import FORMATS, Told, told
+    from climbplan.exports.formats import FORMATS, ControllerOptions, adapt_motion
 
-    motion = told(plan_kind(plan).motion(plan), Told(rate=RATE, gains="rigid"))
+    motion = adapt_motion(
+        identify_kind(plan).read_motion(plan), ControllerOptions(rate=RATE, gains="rigid")
+    )
     table = FORMATS["csv"]
     table.write(motion, directory / table.name)
     if with_regulator:

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.progress import Progress
-from climbplan.store.plan_format import plan_format
+from climbplan.store.plan_format import read_plan_format
 
 if TYPE_CHECKING:
-    from climbplan.simulation.asked import SimulationRequest
     from climbplan.simulation.report_files import SimulationRecord
+    from climbplan.simulation.request import SimulationRequest
     from climbplan.simulation.trials import Trial
 
-Simulate = Callable[["Asked", Progress], tuple["Told", list[str]]]
+Simulate = Callable[["SimulationRequest", Progress], tuple["SimulationRecord", list[str]]]
 """Returns the record of a simulation, and lines on its random runs."""
 
 
@@ -24,7 +24,7 @@ def find_simulator(path: Path) -> Callable[[Path], tuple[str, Simulate]]:
 
     Raises PlanFileError for a file that is not a plan, and for kinds without a simulated model.
     """
-    found = plan_format(path)
+    found = read_plan_format(path)
     if found not in _KINDS:
         raise PlanFileError(
             f"{path}: holds {found!r}; `simulate` replays climbs, transitions, walks and modules "
@@ -48,7 +48,7 @@ def _climb(path: Path) -> tuple[str, Simulate]:
         found = simulate_plan(plan, asked, report)
         lines = [
             f"{found.sweep_key} {point.value:g}: "
-            + (point.no_plan or f"{point.share.fallen} of {point.share.runs} runs fall")
+            + (point.no_plan or f"{point.fall_share.fallen} of {point.fall_share.runs} runs fall")
             for point in found.points
         ]
         if found.risk is not None:

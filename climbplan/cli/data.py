@@ -35,16 +35,23 @@ data = typer.Typer(
 def info(
     files: Files, as_json: Json = False, quiet: Quiet = False, verbose: Verbose = False
 ) -> None:
-    """Rows, outcomes, costs, times and reasons of failures."""
-    from climbplan.reports.report_files import finite
-    from climbplan.store.dataset_statistics import statistics, statistics_lines
+    """Print rows, outcomes, costs, times and reasons of failures."""
+    from climbplan.reports.report_files import replace_non_finite
+    from climbplan.store.dataset_statistics import compute_statistics, format_statistics
 
-    found = [(path, _read(path)) for path in map(find_plan, files)]
+    datasets = [(path, _read(path)) for path in map(find_plan, files)]
     if as_json:
-        print_json({"datasets": [finite({"file": str(p), **statistics(d)}) for p, d in found]})
+        print_json(
+            {
+                "datasets": [
+                    replace_non_finite({"file": str(p), **compute_statistics(d)})
+                    for p, d in datasets
+                ]
+            }
+        )
         return
-    for path, dataset in found:
-        print_result("\n".join([str(path), *statistics_lines(dataset)]))
+    for path, dataset in datasets:
+        print_result("\n".join([str(path), *format_statistics(dataset)]))
 
 
 @data.command()
@@ -52,6 +59,7 @@ def merge(
     context: typer.Context,
     files: Files,
     out: Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="The merged dataset.")],
+    *,
     drop_duplicates: Annotated[
         bool,
         typer.Option("--drop-duplicates", help="Leave out rows whose problem is there already."),
@@ -77,6 +85,7 @@ def merge(
 def split(
     context: typer.Context,
     file: File,
+    *,
     test: Annotated[
         float, typer.Option("--test", metavar="SHARE", help="Share of the problems for the test.")
     ] = 0.2,

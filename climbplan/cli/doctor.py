@@ -26,14 +26,14 @@ def doctor(
     ready = all(finding.usable or not finding.required for finding in findings)
     solvers = _solvers() if ready else []  # describing them needs what is required
     if as_json:
-        parts: list[dict[str, Any]] = [finding.as_dict() for finding in findings]
+        dependencies: list[dict[str, Any]] = [finding.as_dict() for finding in findings]
         print_json(
             {
                 "climbplan": __version__,
                 "python": platform.python_version(),
                 "platform": platform.platform(),
                 "ready": ready,
-                "parts": parts,
+                "parts": dependencies,
                 "solvers": solvers,
             }
         )

@@ -235,7 +235,7 @@ def _write_motion(
         FORMATS,
         ControllerOptions,
         adapt_motion,
-        default_for_trajectory_controller,
+        apply_trajectory_controller_defaults,
     )
 
     if out == "-":
@@ -247,7 +247,7 @@ def _write_motion(
     plan = kind.read_motion(path)
     how = ControllerOptions(options.rate, options.gains, options.feedforward)
     if format_ == "jtc":
-        how = default_for_trajectory_controller(plan, how)
+        how = apply_trajectory_controller_defaults(plan, how)
     if options.gravity is not None:
         how = replace(how, gravity=options.gravity)
     if options.ramp is not None:

@@ -13,9 +13,9 @@ from climbplan.errors import (
     Conflict,
     ExitCode,
     NoPlanFound,
-    NotProved,
     Remedy,
     SpecError,
+    Unresolved,
     UsageError,
 )
 
@@ -40,29 +40,32 @@ _MEANINGS: dict[int, tuple[str, str]] = {
 
 
 def failure_fields(error: BaseException | None, code: int, stage: str) -> dict[str, Any]:
-    """`status`, `stage`, `message`, `conflict` and `remedies` of a failure, JSON-ready.
+    """Return `status`, `stage`, `message`, `conflict` and `remedies` of a failure for JSON.
 
-    error: what ended the run, None if only the exit code tells. stage: the last one that was begun,
-    for errors that do not say where they happened. A refused spec also has `mistakes`, a refusal
-    that proves nothing what it is `because` of.
+    Specs with mistakes also have `mistakes`; failures that prove nothing have their `because`.
+
+    Args:
+        error: the exception that ended the run; None if only the exit code is known.
+        code: exit code of the run.
+        stage: the last stage that began, for errors without a stage of their own.
     """
     status, message = _MEANINGS.get(code, ("error", ""))
     conflicts: list[Conflict] = []
     remedies: tuple[Remedy, ...] = ()
-    own: dict[str, Any] = {}
+    details: dict[str, Any] = {}
     if error is not None:
-        message = _words(error, code) or message
+        message = _format_error(error, code) or message
     if isinstance(error, NoPlanFound):
         status, message = error.status, error.message
         stage = error.stage or stage or "plan"
         conflicts, remedies = error.conflicts, error.remedies
-        if isinstance(error, NotProved):
-            own["because"] = error.because
+        if isinstance(error, Unresolved):
+            details["because"] = error.because
     elif hasattr(error, "format_message"):
         stage = "arguments"
     elif isinstance(error, SpecError):
         stage = "spec"
-        own["mistakes"] = [dataclasses.asdict(mistake) for mistake in error.mistakes]
+        details["mistakes"] = [dataclasses.asdict(mistake) for mistake in error.mistakes]
     return {
         "status": status,
         "stage": stage,
@@ -72,12 +75,12 @@ def failure_fields(error: BaseException | None, code: int, stage: str) -> dict[s
                 "where": conflict.where,
                 "constraints": list(conflict.constraints),
                 "names": list(conflict.names),
-                "remedies": [_plain(remedy) for remedy in conflict.remedies],
+                "remedies": [_convert_remedy(remedy) for remedy in conflict.remedies],
             }
             for conflict in conflicts
         ],
-        "remedies": [_plain(remedy) for remedy in remedies],
-        **own,
+        "remedies": [_convert_remedy(remedy) for remedy in remedies],
+        **details,
     }
 
 
@@ -113,18 +116,18 @@ def _has_directory() -> bool:
     return True
 
 
-def _words(error: BaseException, code: int) -> str:
-    """What is said of an error; mistakes of the command line know which option they are about."""
+def _format_error(error: BaseException, code: int) -> str:
+    """Format the message of an error; mistakes of the command line name their option."""
     if code == ExitCode.INTERNAL:
         return f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
     format_message = getattr(error, "format_message", None)
     return str(error if format_message is None else format_message())
 
 
-def _plain(remedy: Remedy) -> dict[str, Any]:
-    """A remedy whose value JSON can hold; without an end it helps nobody as a number."""
-    found = remedy.as_dict()
-    value = found["value"]
+def _convert_remedy(remedy: Remedy) -> dict[str, Any]:
+    """Convert a remedy to plain values; JSON has no infinite numbers, so they become null."""
+    fields = remedy.as_dict()
+    value = fields["value"]
     if isinstance(value, float) and not math.isfinite(value):
-        found["value"] = None
-    return found
+        fields["value"] = None
+    return fields

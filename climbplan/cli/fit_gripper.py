@@ -34,7 +34,7 @@ def fit_gripper(
     with OutputDirectory(target, force=force) as directory:
         from climbplan.mechanics.gripper import cross_validate, read_grips
         from climbplan.mechanics.gripper import fit_gripper as fit
-        from climbplan.reports.fits.gripper_report import RESULT, report_dict, write_report
+        from climbplan.reports.fits.gripper_report import RESULT, build_report, write_report
 
         grips = read_grips(data)
         model = fit(grips, seed or 0)
@@ -47,7 +47,7 @@ def fit_gripper(
         write_report(model, calibration, grips, data.stem, directory.path)
         directory.publish()
     if as_json:
-        report = report_dict(model, calibration, grips, data.stem)
+        report = build_report(model, calibration, grips, data.stem)
         print_json({**report, "file": str(target / RESULT)})
     else:
         print_result(str(target / RESULT))

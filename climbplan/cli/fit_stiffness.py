@@ -47,21 +47,21 @@ def fit_stiffness(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.robots.any_robot import build_robot
-    from climbplan.schema.fields import nearest
+    from climbplan.schema.fields import find_closest_name
     from climbplan.schema.robots.source import load_any_robot
 
     session = context.ensure_object(Session)
     limb_of = build_robot(load_any_robot(robot))
     names = limb_of.limb_names
     if limb is not None and limb not in names:
-        suggestion = nearest(limb, list(names))
+        suggestion = find_closest_name(limb, list(names))
         hint = f"; did you mean {suggestion!r}?" if suggestion else ""
         raise UsageError(f"--limb {limb!r}: {limb_of.name} has the limbs {', '.join(names)}{hint}")
     number = 0 if limb is None else names.index(limb)
     target = out if out is not None else Path("outputs", data.stem)
     with OutputDirectory(target, force=force) as directory:
         from climbplan.mechanics.identification.study import identify
-        from climbplan.reports.fits.stiffness_report import RESULT, report_dict, write_report
+        from climbplan.reports.fits.stiffness_report import RESULT, build_report, write_report
 
         with StageProgress(session) as progress:
             identification = identify(
@@ -78,6 +78,6 @@ def fit_stiffness(
         write_report(identification, data.stem, directory.path)
         directory.publish()
     if as_json:
-        print_json({**report_dict(identification, data.stem), "file": str(target / RESULT)})
+        print_json({**build_report(identification, data.stem), "file": str(target / RESULT)})
     else:
         print_result(str(target / RESULT))

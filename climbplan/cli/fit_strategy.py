@@ -9,7 +9,7 @@ import typer
 
 from climbplan.cli.console import Session, print_json, print_result
 from climbplan.cli.options import Force, Json, Method, Out, Quiet, Seed, Set, Spec, Verbose
-from climbplan.cli.solve_problem import ProblemName, explained, load_problem
+from climbplan.cli.solve_problem import ProblemName, load_problem, run_user_code
 from climbplan.errors import UsageError
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ MODEL_FILE = "model.h5"
 def fit_strategy(
     context: typer.Context,
     spec: Spec,
+    *,
     problem: ProblemName = None,
     out: Out = None,
     assignments: Set = None,
@@ -56,14 +57,14 @@ def fit_strategy(
             f"a spec alone imports no code: name the statement with --problem {loaded.spec.problem}"
         )
     target = out if out is not None else Path("outputs", loaded.name)
-    with explained(session), OutputDirectory(target, force=force) as directory:
+    with run_user_code(session), OutputDirectory(target, force=force) as directory:
         from climbplan.learning.fit_run import (
             build_fit_options,
             build_model_file,
             train,
             write_verified,
         )
-        from climbplan.reports.fits.strategy_report import report_dict, write_report
+        from climbplan.reports.fits.strategy_report import build_report, write_report
 
         with StageProgress(session) as progress:
             data = _data(problem, loaded, progress)
@@ -77,7 +78,7 @@ def fit_strategy(
             write_report(stored, data.columns, directory.path)
         directory.publish()
     if as_json:
-        print_json({**report_dict(stored), "file": str(target / MODEL_FILE)})
+        print_json({**build_report(stored), "file": str(target / MODEL_FILE)})
     else:
         print_result(str(target / MODEL_FILE))
 
@@ -85,16 +86,16 @@ def fit_strategy(
 def _data(problem: str | None, loaded: LoadedStrategy, progress: StageProgress) -> TrainingData:
     progress.report("read", 0.0)
     if problem is None:
-        from climbplan.bookshelf.methods.training import shelf_data
+        from climbplan.bookshelf.methods.training import collect_shelf_data
 
-        return shelf_data(loaded, progress.report)
+        return collect_shelf_data(loaded, progress.report)
     from climbplan.methods.solved import read_training_data
 
     return read_training_data(load_problem(problem), loaded)
 
 
 def _summary(stored: ModelFile) -> list[str]:
-    """The lines of a run, in the columns that all commands use."""
+    """Format the lines of a run in the columns that all commands use."""
     fit = stored.fit
     counts = f"{fit['groups']} problems, {fit['rows']} rows, {fit['strategies']} strategies"
     if "clusters" in fit:
@@ -103,9 +104,9 @@ def _summary(stored: ModelFile) -> list[str]:
     kind = stored.model.kind
     lines.append(f"{kind:<9} {'trained':<9} {stored.timings['train']:.2f} s")
     if "evaluation" in fit:
-        found = fit["evaluation"]
-        within = found["within_first"]
+        evaluation = fit["evaluation"]
+        within = evaluation["within_first"]
         shares = ", ".join(f"{k}: {100 * within[k]:.0f} %" for k in ("1", "5", "10", "50"))
-        word = f"{found['problems']} rows held out, right one among the first {shares}"
-        lines.append(f"{'measure':<9} {'':<9} {stored.timings['measure']:.2f} s   {word}")
+        accuracy = f"{evaluation['problems']} rows held out, right one among the first {shares}"
+        lines.append(f"{'measure':<9} {'':<9} {stored.timings['measure']:.2f} s   {accuracy}")
     return lines

@@ -58,7 +58,7 @@ def fit_terrain(
         _fit_holds(session, file, target, holds, settings or [], as_json, force=force)
         return
     with OutputDirectory(target, force=force) as directory:
-        from climbplan.reports.fits.terrain_report import RESULT, report_dict, write_report
+        from climbplan.reports.fits.terrain_report import RESULT, build_report, write_report
         from climbplan.scan.study import build_scan_spec, fit
 
         scan = build_scan_spec(file, settings or [])
@@ -67,7 +67,7 @@ def fit_terrain(
         for note in fitted.raw.notes:
             session.note(f"{file.stem}   {note}")
         session.note(f"{file.stem}   {fitted.headline}")
-        report = report_dict(fitted, file.stem)
+        report = build_report(fitted, file.stem)
         write_report(fitted, report, directory.path, page=not no_report)
         directory.publish()
     if as_json:
@@ -93,7 +93,7 @@ def _fit_holds(
             f"--holds: expected an opening of 0 to {MOST_OPENING:g} m, got {opening:g}"
         )
     with OutputDirectory(target, force=force) as directory:
-        from climbplan.reports.fits.holds_report import graspable, write_holds
+        from climbplan.reports.fits.holds_report import find_graspable, write_holds
         from climbplan.reports.fits.terrain_report import RESULT
         from climbplan.scan.holds import Grasping
         from climbplan.scan.reading import read_scan
@@ -101,7 +101,7 @@ def _fit_holds(
 
         scan = build_scan_spec(file, settings)
         raw = read_scan(scan, Path())
-        graspable_spots = graspable(raw, scan, Grasping(opening), file.stem)
+        graspable_spots = find_graspable(raw, scan, Grasping(opening), file.stem)
         for note in (*raw.notes, graspable_spots.headline):
             session.note(f"{file.stem}   {note}")
         report = graspable_spots.report

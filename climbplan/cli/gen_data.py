@@ -13,8 +13,8 @@ from climbplan.api.plan_path import DATASET_FILE
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.dataset_progress import DatasetProgress
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
-from climbplan.cli.solve_problem import ProblemName, explained, load_problem
-from climbplan.cli.verify_line import verify_line
+from climbplan.cli.solve_problem import ProblemName, load_problem, run_user_code
+from climbplan.cli.verify_line import format_verification
 from climbplan.errors import ExitCode, PlanFileError, UsageError
 
 if TYPE_CHECKING:
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 def gen_data(
     context: typer.Context,
     spec: Spec,
+    *,
     problem: ProblemName = None,
     out: Out = None,
     assignments: Set = None,
@@ -84,34 +85,34 @@ def gen_data(
         else:
             print_result(str(target / DATASET_FILE))
         return
-    with explained(session), OutputDirectory(target, force=force) as directory:
+    with run_user_code(session), OutputDirectory(target, force=force) as directory:
         # Compiled functions and solvers take a second to import: not before the paths are good.
         from climbplan.datasets.check.verification import verify_and_mark
-        from climbplan.datasets.generate import RunOptions, generated
-        from climbplan.datasets.pages.report import report_values, write_report
+        from climbplan.datasets.generate import RunOptions, generate_rows
+        from climbplan.datasets.pages.report import build_report_values, write_report
         from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
 
-        stated = _statement(loaded, problem)
-        recipe = _recipe(loaded, problem)
+        stated = _load_statement(loaded, problem)
+        recipe = _build_recipe(loaded, problem)
         options = RunOptions(target, jobs, scheduler, resume, force)
-        session.note(_head(loaded, options.scheduler or f"{jobs} worker{'s' * (jobs > 1)}"))
+        session.note(_format_head(loaded, options.scheduler or f"{jobs} worker{'s' * (jobs > 1)}"))
         with DatasetProgress(session) as progress:
-            run = generated(
-                loaded, recipe, _files(loaded, problem), options, progress.report, session.note
+            run = generate_rows(
+                loaded, recipe, _list_files(loaded, problem), options, progress.report, session.note
             )
-            with run as made:
+            with run as generated_rows:
                 progress.stop()
-                session.note(_summary(made))
+                session.note(_format_summary(generated_rows))
                 path = directory.path / DATASET_FILE
-                write_dataset_file(made.data, path)
+                write_dataset_file(generated_rows.data, path)
                 begin = time.perf_counter()
                 verification = verify_and_mark(path, stated)
-                session.note(verify_line(verification, time.perf_counter() - begin))
+                session.note(format_verification(verification, time.perf_counter() - begin))
                 data = read_dataset_file(path)
                 write_report(path, directory.path, verification)
                 directory.publish()
     if as_json:
-        print_json({**report_values(data, verification), "plan": str(target / DATASET_FILE)})
+        print_json({**build_report_values(data, verification), "plan": str(target / DATASET_FILE)})
     else:
         print_result(str(target / DATASET_FILE))
     if not verification.passed:
@@ -121,7 +122,7 @@ def gen_data(
 
 
 def _is_complete(target: Path, loaded: LoadedDataset) -> bool:
-    """Whether the output directory holds what the spec asks for."""
+    """Return whether the output directory already holds the dataset of this spec."""
     from climbplan.store.dataset_file import read_dataset_file
 
     path = target / DATASET_FILE
@@ -131,8 +132,8 @@ def _is_complete(target: Path, loaded: LoadedDataset) -> bool:
         return False
 
 
-def _statement(loaded: LoadedDataset, name: str | None) -> Problem | None:
-    """The problem that the command line names; a spec alone imports no code."""
+def _load_statement(loaded: LoadedDataset, name: str | None) -> Problem | None:
+    """Load the problem that the command line names; a spec alone imports no code."""
     problem = loaded.spec.problem
     if problem.kind != "program":
         if name is not None:
@@ -150,44 +151,44 @@ def _statement(loaded: LoadedDataset, name: str | None) -> Problem | None:
     return stated
 
 
-def _recipe(loaded: LoadedDataset, name: str | None) -> Recipe:
-    """What workers are told; files by their full path, as they may start elsewhere."""
+def _build_recipe(loaded: LoadedDataset, name: str | None) -> Recipe:
+    """Build the recipe for the workers; files have full paths, as workers may start elsewhere."""
     from climbplan.datasets.recipe import Recipe
 
     spec = loaded.spec
     problem = spec.problem
     directory = loaded.directory.absolute()
     if problem.kind == "bookshelf":
-        from climbplan.datasets.shelf_source import shelf_source
+        from climbplan.datasets.shelf_source import build_shelf_source
 
-        source = functools.partial(shelf_source, problem, directory, spec.seed)
+        source = functools.partial(build_shelf_source, problem, directory, spec.seed)
         return Recipe(source, spec.seed, spec.row_seconds, loaded.sha256)
     if problem.kind == "terrains":
-        from climbplan.datasets.terrain_source import terrain_source
+        from climbplan.datasets.terrain_source import build_terrain_source
 
-        terrains = functools.partial(terrain_source, problem, directory)
+        terrains = functools.partial(build_terrain_source, problem, directory)
         return Recipe(terrains, spec.seed, spec.row_seconds, loaded.sha256)
     if problem.kind == "mpc":
-        from climbplan.datasets.walk_source import walk_source
+        from climbplan.datasets.walk_source import build_walk_source
 
-        walks = functools.partial(walk_source, problem, directory)
+        walks = functools.partial(build_walk_source, problem, directory)
         return Recipe(walks, spec.seed, spec.row_seconds, loaded.sha256)
-    from climbplan.datasets.program_source import program_source
+    from climbplan.datasets.program_source import build_program_source
 
     load = functools.partial(load_problem, _full(name or ""))
-    stated = functools.partial(program_source, load, problem, directory)
+    stated = functools.partial(build_program_source, load, problem, directory)
     return Recipe(stated, spec.seed, spec.row_seconds, loaded.sha256)
 
 
 def _full(name: str) -> str:
-    """FILE.py:OBJECT with the file's full path; other names as they are."""
+    """Return FILE.py:OBJECT with the full path of the file; other names unchanged."""
     place, _, attribute = name.rpartition(":")
     return f"{Path(place).absolute()}:{attribute}" if place.endswith(".py") else name
 
 
-def _files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
-    """Files that rows depend on: the statement, and the library or model of learned methods."""
-    from climbplan.schema.robots.source import robot_files
+def _list_files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
+    """List the files that rows depend on: the statement, and library or model of the method."""
+    from climbplan.schema.robots.source import find_robot_files
 
     files: list[Path] = []
     place = (name or "").rpartition(":")[0]
@@ -196,16 +197,16 @@ def _files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
     problem = loaded.spec.problem
     if problem.kind == "terrains" or problem.kind == "mpc":
         if Path(problem.robot).suffix in (".yaml", ".yml"):
-            files += robot_files(problem.robot, loaded.directory.absolute())
+            files += find_robot_files(problem.robot, loaded.directory.absolute())
         return tuple(files)
-    for given in (problem.solver.library, problem.solver.model):
-        if given is not None:
-            named = given if isinstance(given, str) else given.file
+    for source in (problem.solver.library, problem.solver.model):
+        if source is not None:
+            named = source if isinstance(source, str) else source.file
             files.append(loaded.directory.absolute() / named)
     return tuple(files)
 
 
-def _head(loaded: LoadedDataset, workers: str) -> str:
+def _format_head(loaded: LoadedDataset, workers: str) -> str:
     spec = loaded.spec
     return (
         f"{loaded.name}   {spec.count} rows, problem {spec.problem.kind}, "
@@ -213,9 +214,9 @@ def _head(loaded: LoadedDataset, workers: str) -> str:
     )
 
 
-def _summary(made: Generated) -> str:
-    data, count = made.data, made.count
+def _format_summary(generated_rows: Generated) -> str:
+    data, count = generated_rows.data, generated_rows.count
     ended = ", ".join(f"{number} {status}" for status, number in data.statuses.items())
-    resumed = f", {made.resumed} resumed" if made.resumed else ""
+    resumed = f", {generated_rows.resumed} resumed" if generated_rows.resumed else ""
     rate = f", {count.rate:.3g} rows/s" if count.new else ""
     return f"{'rows':<9} {data.overall:<9} {count.seconds:.2f} s   {ended}{rate}{resumed}"

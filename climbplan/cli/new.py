@@ -73,8 +73,15 @@ def new(
     assumed marked.
     """
     if urdf is not None or package is not None:
-        _new_robot(
-            context, kind, urdf, package, example, _links(toes), directory=directory, force=force
+        _write_new_robot(
+            context,
+            kind,
+            urdf,
+            package,
+            example,
+            _parse_toe_links(toes),
+            directory=directory,
+            force=force,
         )
         return
     if toes is not None:
@@ -82,30 +89,32 @@ def new(
     from climbplan.schema.examples import (
         ABOUT,
         FIRST_EXAMPLE,
-        example_data,
-        example_names,
-        example_text,
+        list_example_names,
+        read_example,
+        read_example_data,
     )
 
     if kind not in FIRST_EXAMPLE:
         raise UsageError(f"no spec kind {kind!r}, known are {', '.join(FIRST_EXAMPLE)}")
     name = example or FIRST_EXAMPLE[kind]
-    if example is not None and example not in example_names(kind):
-        known = ", ".join(example_names(kind))
-        raise UsageError(f"no example {example!r} of kind {kind!r}, there are {known}")
-    text = example_text(name)
+    if example is not None and example not in list_example_names(kind):
+        names = ", ".join(list_example_names(kind))
+        raise UsageError(f"no example {example!r} of kind {kind!r}, there are {names}")
+    text = read_example(name)
     target = directory / f"{name}.yaml"
     content = {target: text.encode()}
-    content |= {directory / data: value for data, value in example_data(name).items()}
-    _write(content, directory, force)
-    others = [f"{o} ({ABOUT[o]})" if o in ABOUT else o for o in example_names(kind) if o != name]
-    if others:
-        listed = ", ".join(others)
+    content |= {directory / data: value for data, value in read_example_data(name).items()}
+    _write_all(content, directory, force)
+    other_examples = [
+        f"{o} ({ABOUT[o]})" if o in ABOUT else o for o in list_example_names(kind) if o != name
+    ]
+    if other_examples:
+        listed = ", ".join(other_examples)
         context.ensure_object(Session).note(f"other examples (--example NAME): {listed}")
     print_result(str(target))
 
 
-def _links(toes: str | None) -> tuple[str, ...]:
+def _parse_toe_links(toes: str | None) -> tuple[str, ...]:
     """Split `--toes` into links; raises UsageError for fewer than two, empty or double names."""
     links = () if toes is None else tuple(link.strip() for link in toes.split(","))
     if toes is not None and (len(links) < 2 or not all(links) or len(set(links)) < len(links)):
@@ -113,23 +122,23 @@ def _links(toes: str | None) -> tuple[str, ...]:
     return links
 
 
-def _write(content: dict[Path, bytes], directory: Path, force: bool) -> None:
+def _write_all(content: dict[Path, bytes], directory: Path, force: bool) -> None:
     """Write all files or none; directories that were created are removed on failure."""
-    from climbplan.store.atomic_file import written_aside
+    from climbplan.store.atomic_file import replace_atomically
 
     _refuse_existing(content, force)
     above = [directory, *directory.parents]
-    made = [path for path in above if not path.exists()]
+    new_directories = [path for path in above if not path.exists()]
     try:
         try:
             directory.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise UsageError(f"{directory}: cannot be created: {error.strerror}") from error
         for path, value in content.items():
-            with written_aside(path) as aside:
-                aside.write_bytes(value)
+            with replace_atomically(path) as temporary:
+                temporary.write_bytes(value)
     except BaseException:
-        for path in made:  # the innermost first; what holds a file stays
+        for path in new_directories:  # the innermost first; what holds a file stays
             with suppress(OSError):
                 path.rmdir()
         raise
@@ -141,7 +150,7 @@ def _refuse_existing(paths: Iterable[Path], force: bool) -> None:
             raise UsageError(f"{path}: already exists; --force replaces it")
 
 
-def _new_robot(
+def _write_new_robot(
     context: typer.Context,
     kind: str,
     urdf: Path | None,
@@ -155,8 +164,8 @@ def _new_robot(
     """Write the files of a robot from a URDF."""
     if kind != "robot":
         raise UsageError(f"--urdf and --package are for `new robot`, not for kind {kind!r}")
-    given = {"--urdf": urdf, "--package": package, "--example": example}
-    if sum(value is not None for value in given.values()) > 1:
+    sources = {"--urdf": urdf, "--package": package, "--example": example}
+    if sum(value is not None for value in sources.values()) > 1:
         raise UsageError("expected one of --urdf, --package and --example")
     from climbplan.api.new_robot import list_file_names, new_robot
     from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
@@ -164,9 +173,9 @@ def _new_robot(
     session = context.ensure_object(Session)
     path = urdf if urdf is not None else find_package_urdf(package or "")
     _refuse_existing((directory / name for name in list_file_names(path)), force)
-    made = new_robot(path, directory, session.note, toes)
-    content = {directory / name: text.encode() for name, text in made.files.items()}
-    _write(content, directory, force)
-    for note in made.notes:
+    robot_files = new_robot(path, directory, session.note, toes)
+    content = {directory / name: text.encode() for name, text in robot_files.files.items()}
+    _write_all(content, directory, force)
+    for note in robot_files.notes:
         session.note(note)
-    print_result(str(directory / f"{made.name}.yaml"))
+    print_result(str(directory / f"{robot_files.name}.yaml"))

@@ -18,7 +18,7 @@ _QUICK: dict[str, tuple[tuple[str, str, Literal["least", "most"] | None], ...]] 
     ),
     "transition": (("solver.starts", "2", "most"),),
     "mpc": (
-        ("solver.qps", "150", "most"),
+        ("solver.max_qp_solves", "150", "most"),
         ("solver.gap", "0.3", "least"),
         ("library.size", "6", "most"),
     ),
@@ -29,7 +29,7 @@ _WORDS = {"least": "at least ", "most": "at most ", None: ""}
 
 
 def quick_overrides(kind: str, quick: bool) -> list[str | Override]:
-    """What `--quick` sets in a spec of this kind; `--set` and the other options are stronger."""
+    """Return the overrides of `--quick` for a kind; `--set` and other options take precedence."""
     from climbplan.schema.overrides import Override
 
     return [Override(key, value, "--quick", bound) for key, value, bound in _QUICK[kind] if quick]
@@ -37,7 +37,7 @@ def quick_overrides(kind: str, quick: bool) -> list[str | Override]:
 
 def _help(kind: str) -> str:
     sets = [f"{_WORDS[bound]}{key}={value}" for key, value, bound in _QUICK[kind]]
-    first = f"sets {', '.join(sets)} (what --set says is stronger)" if sets else "changes no key"
+    first = f"sets {', '.join(sets)} (--set takes precedence)" if sets else "changes no key"
     return f"Plan fast: {first}, and no report, as --no-report."
 
 

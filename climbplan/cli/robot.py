@@ -50,12 +50,14 @@ def robot(
     facts = measure_robot(robot)
     if picture is not None:
         from climbplan.climb.planner.visual_geometry import load_visual_geometry
-        from climbplan.reports.robot_picture import robot_picture
-        from climbplan.reports.sheet import png
-        from climbplan.store.atomic_file import written_aside
+        from climbplan.reports.robot_picture import draw_robot_picture
+        from climbplan.reports.sheet import render_png
+        from climbplan.store.atomic_file import replace_atomically
 
-        image = png(robot_picture(facts, looks=load_visual_geometry(spec, robot, _TRIANGLES)))
-        with written_aside(picture) as temporary:
+        image = render_png(
+            draw_robot_picture(facts, looks=load_visual_geometry(spec, robot, _TRIANGLES))
+        )
+        with replace_atomically(picture) as temporary:
             temporary.write_bytes(image)
     if as_json:
         print_json(_collect_values(facts, notes, picture))
@@ -94,7 +96,9 @@ def _is_robot_file(name: str) -> bool:
     return isinstance(stated, dict) and stated.get("kind") == "robot"
 
 
-def _collect_values(facts: RobotFacts, notes: tuple[str, ...], picture: Path | None) -> dict[str, Any]:
+def _collect_values(
+    facts: RobotFacts, notes: tuple[str, ...], picture: Path | None
+) -> dict[str, Any]:
     from climbplan.robots.model import dynamics_of
 
     made = facts.robot
@@ -166,7 +170,10 @@ def _format_lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
             if slides
             else f"{np.rad2deg(low):.0f}..{np.rad2deg(high):.0f}"
             for low, high, slides in zip(
-                made.joint_lower[n, limb_joints], made.joint_upper[n, limb_joints], made.slides[n, limb_joints], strict=True
+                made.joint_lower[n, limb_joints],
+                made.joint_upper[n, limb_joints],
+                made.slides[n, limb_joints],
+                strict=True,
             )
         )
         torque = "/".join(f"{value:g}" for value in made.max_torque[n, limb_joints])

@@ -15,6 +15,6 @@ def schema(
     ] = None,
 ) -> None:
     """Print the JSON Schema of a kind of spec, with the meaning and unit of each key."""
-    from climbplan.schema.json_schema import all_schemas, json_schema
+    from climbplan.schema.json_schema import build_all_schemas, json_schema
 
-    print_json(all_schemas() if kind is None else json_schema(kind))
+    print_json(build_all_schemas() if kind is None else json_schema(kind))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from climbplan.cli.console import Session, print_json, print_result
-from climbplan.errors import PlanFails
+from climbplan.errors import VerificationFailed
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ def run_in_drake(
 
     Raises PlanFails if the robot falls, or where more toes slide or lose contact than may.
     """
-    from climbplan.api.kinds import plan_kind
+    from climbplan.api.kinds import identify_kind
     from climbplan.api.second_engine import plan_name, simulate_in_drake
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
@@ -57,23 +57,23 @@ def run_in_drake(
         regulate=options.regulate != "nothing",
         urdf_toes=not options.sphere_toes,
     )
-    warn_of_failure(plan_kind(plan), plan)
+    warn_of_failure(identify_kind(plan), plan)
     target = output.out if output.out is not None else Path("outputs", f"{plan_name(plan)}_drake")
     with OutputDirectory(target, force=output.force) as directory:
         with StageProgress(session) as progress:
             run = simulate_in_drake(plan, directory.path, settings, options.urdf, progress.report)
-        report = reports.report_dict(run)
-        session.note(f"{run.motion.name}   {reports.headline(report)}")
-        for line in reports.lines(report):
+        report = reports.build_report(run)
+        session.note(f"{run.motion.name}   {reports.summarise_run(report)}")
+        for line in reports.format_lines(report):
             session.note(f"  {line}")
         text = json.dumps(report, indent=2, allow_nan=False) + "\n"
         (directory.path / "report.json").write_text(text, encoding="utf-8")
-        (directory.path / "simulation.csv").write_text(reports.table(run), encoding="utf-8")
+        (directory.path / "simulation.csv").write_text(reports.format_table(run), encoding="utf-8")
         directory.publish()
     if output.as_json:
         print_json({**report, "plan": str(plan), "file": str(target / "simulation.csv")})
     else:
         print_result(str(target / "simulation.csv"))
-    failure = reports.failure(report, output.most_slips or 0)
+    failure = reports.explain_failure(report, output.most_slips or 0)
     if failure and not output.allow_falls:
-        raise PlanFails(failure)
+        raise VerificationFailed(failure)

@@ -24,8 +24,8 @@ from climbplan.cli.options import (
     TimeLimit,
     Verbose,
 )
-from climbplan.cli.solve_problem import ProblemName, explained, load_problem
-from climbplan.cli.verify_line import verify_line
+from climbplan.cli.solve_problem import ProblemName, load_problem, run_user_code
+from climbplan.cli.verify_line import format_verification
 from climbplan.errors import ExitCode, Infeasible, LimitReached, UsageError
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ _SEQUENCE = ("auto", "branch-and-bound", "benders")  # methods that rows of a se
 def solve(
     context: typer.Context,
     spec: Spec,
+    *,
     problem: ProblemName = None,
     out: Out = None,
     assignments: Set = None,
@@ -109,37 +110,37 @@ def solve(
         raise UsageError(
             f"a spec alone imports no code: name the statement with --problem MODULE:OBJECT{named}"
         )
-    with explained(session):
-        stated = load_problem(problem)
-        _compare(loaded, problem, stated)
+    with run_user_code(session):
+        statement = load_problem(problem)
+        _compare(loaded, problem, statement)
         if save_model is not None:
-            _save(stated, loaded, save_model)
+            _save(statement, loaded, save_model)
         target = out if out is not None else Path("outputs", loaded.name)
         with OutputDirectory(target, force=force) as directory:
             from climbplan.methods.run import solve_spec
-            from climbplan.reports.program_report import report_dict, write_report
-            from climbplan.store.program_file import marked, write_program
+            from climbplan.reports.program_report import build_report, write_report
+            from climbplan.store.program_file import mark_program, write_program
             from climbplan.verification.programs import verify_program
 
             with StageProgress(session) as progress:
                 done = solve_spec(
-                    stated,
+                    statement,
                     loaded,
                     progress.report,
                     shift if sequence else None,
                     certificate is not None,
                 )
             if certificate is not None:
-                session.note(_certified(stated, done, loaded, certificate, force))
-            _refuse_nothing(stated, done)
+                session.note(_write_certificates(statement, done, loaded, certificate, force))
+            _require_solution(statement, done)
             begin = time.perf_counter()
-            verification = verify_program(done.plan, stated)
-            spent = time.perf_counter() - begin
-            plan = marked(done.plan, verification.passed)
-            for line in _summary(plan, verification, spent):
+            verification = verify_program(done.plan, statement)
+            seconds = time.perf_counter() - begin
+            plan = mark_program(done.plan, verification.passed)
+            for line in _summary(plan, verification, seconds):
                 session.note(line)
             write_program(plan, directory.path / PLAN_FILE)
-            report = report_dict(plan, verification)
+            report = build_report(plan, verification)
             write_report(report, directory.path)
             directory.publish()
     missing = plan.count - int(plan.found.sum())
@@ -154,7 +155,7 @@ def solve(
 
 
 def _compare(loaded: LoadedProgram, name: str, problem: Problem) -> None:
-    """The spec's own name of the problem is only looked at, never followed."""
+    """Warn if the problem named in the spec is another one; that name is never imported."""
     meant = loaded.spec.problem
     if meant is None or meant in (name, problem.name):
         return
@@ -163,17 +164,17 @@ def _compare(loaded: LoadedProgram, name: str, problem: Problem) -> None:
 
 
 def _save(problem: Problem, loaded: LoadedProgram, path: Path) -> None:
-    """The first row's program, for other solvers."""
+    """Write the program of the first row for other solvers."""
     from climbplan.methods.run import generate_thetas
     from climbplan.solvers.model_file import save_model
 
     save_model(problem.instance(generate_thetas(problem, loaded)[0]), path)
 
 
-def _certified(
+def _write_certificates(
     problem: Problem, done: SolvedRows, loaded: LoadedProgram, path: Path, force: bool
 ) -> str:
-    """Write the proofs of all rows; a line about them."""
+    """Write the certificates of all rows and return a line about them."""
     from climbplan.methods.certified_rows import collect_certified_rows, is_weaker_than_search
     from climbplan.store.certificate_file import write_certificates
 
@@ -194,8 +195,8 @@ def _certified(
     return f"proofs    {leaves} leaves, {size:.0f} kB in {path}"
 
 
-def _refuse_nothing(problem: Problem, done: SolvedRows) -> None:
-    """Without any answer there is no plan to write.
+def _require_solution(problem: Problem, done: SolvedRows) -> None:
+    """Raise an error if no row has a solution, as there is no plan to write then.
 
     Raises:
         Infeasible: every row is proved infeasible.
@@ -233,5 +234,5 @@ def _summary(plan: ProgramPlan, verification: Verification, seconds: float) -> l
     return [
         head,
         f"{method:<9} {plan.overall:<9} {plan.timings['solve']:.2f} s   {figures}",
-        verify_line(verification, seconds),
+        format_verification(verification, seconds),
     ]

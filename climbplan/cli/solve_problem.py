@@ -44,21 +44,21 @@ def load_problem(name: str) -> Problem:
     """
     place, colon, attribute = name.rpartition(":")
     if not colon:
-        return _as_problem(name, _entry_point(name))
+        return _as_problem(name, _load_entry_point(name))
     if not place or not attribute:
         raise UsageError(f"--problem {name}: expected MODULE:OBJECT, FILE.py:OBJECT or a name")
-    module = _file(name, Path(place)) if place.endswith(".py") else _module(name, place)
-    found: Any = module
-    for part in attribute.split("."):
-        if not hasattr(found, part):
-            raise UsageError(f"--problem {name}: {place} has no {attribute!r}{_offers(module)}")
-        found = vars(found)[part] if part in vars(found) else found.__getattribute__(part)
-    return _as_problem(name, found)
+    module = _import_file(name, Path(place)) if place.endswith(".py") else _import_module(name, place)
+    target: Any = module
+    for attribute_name in attribute.split("."):
+        if not hasattr(target, attribute_name):
+            raise UsageError(f"--problem {name}: {place} has no {attribute!r}{_list_offers(module)}")
+        target = vars(target)[attribute_name] if attribute_name in vars(target) else target.__getattribute__(attribute_name)
+    return _as_problem(name, target)
 
 
 @contextmanager
-def explained(session: Session) -> Iterator[None]:
-    """Run code of the user's: what it prints is no result, and goes to standard error.
+def run_user_code(session: Session) -> Iterator[None]:
+    """Run the user's code with its standard output sent to standard error.
 
     With `--verbose`, print the traceback of an exception that a statement raised.
     """
@@ -75,7 +75,7 @@ def explained(session: Session) -> Iterator[None]:
 
 @contextmanager
 def _own_code(name: str, doing: str) -> Iterator[None]:
-    """Code of the user's: whatever it raises is the statement's fault, not a bug of ours."""
+    """Report exceptions of the user's code as errors of the statement, not of climbplan."""
     from climbplan.program.problem import StatementError
 
     try:
@@ -88,13 +88,13 @@ def _own_code(name: str, doing: str) -> Iterator[None]:
         ) from error
 
 
-def _module(name: str, place: str) -> ModuleType:
-    _look_in(Path.cwd())
+def _import_module(name: str, place: str) -> ModuleType:
+    _add_to_path(Path.cwd())
     try:
-        known = importlib.util.find_spec(place) is not None
+        exists = importlib.util.find_spec(place) is not None
     except (ModuleNotFoundError, ValueError, ImportError):
-        known = False  # a parent package is missing, or the name is no module's
-    if not known:
+        exists = False  # a parent package is missing, or the name is no module's
+    if not exists:
         raise UsageError(
             f"--problem {name}: no module {place!r} on the path or in the current directory"
         )
@@ -102,28 +102,28 @@ def _module(name: str, place: str) -> ModuleType:
         return importlib.import_module(place)
 
 
-def _file(name: str, path: Path) -> ModuleType:
+def _import_file(name: str, path: Path) -> ModuleType:
     if not path.is_file():
         raise UsageError(f"--problem {name}: no such file {str(path)!r}")
     # Under a name of its own: a file called like an installed module must not take its place.
-    own = f"climbplan_problem_{abs(hash(path.resolve())):x}"
-    spec = importlib.util.spec_from_file_location(own, path.resolve())
+    module_name = f"climbplan_problem_{abs(hash(path.resolve())):x}"
+    spec = importlib.util.spec_from_file_location(module_name, path.resolve())
     if spec is None or spec.loader is None:
         raise UsageError(f"--problem {name}: {str(path)!r} is not a Python file")
     module = importlib.util.module_from_spec(spec)
-    sys.modules[own] = module  # dataclasses of the statement look themselves up
-    _look_in(path.resolve().parent)  # what stands beside it can be imported, as when it is run
+    sys.modules[module_name] = module  # dataclasses of the statement look themselves up
+    _add_to_path(path.resolve().parent)  # what stands beside it can be imported, as when it is run
     with _own_code(name, f"importing {path}"):
         spec.loader.exec_module(module)
     return module
 
 
-def _look_in(directory: Path) -> None:
+def _add_to_path(directory: Path) -> None:
     if os.fspath(directory) not in sys.path:
         sys.path.append(os.fspath(directory))
 
 
-def _entry_point(name: str) -> Any:
+def _load_entry_point(name: str) -> Any:
     points = {point.name: point for point in entry_points(group=GROUP)}
     if name not in points:
         installed = f"installed are {', '.join(sorted(points))}" if points else "none is installed"
@@ -135,28 +135,28 @@ def _entry_point(name: str) -> Any:
         return points[name].load()
 
 
-def _as_problem(name: str, found: Any) -> Problem:
+def _as_problem(name: str, candidate: Any) -> Problem:
     from climbplan.program.problem import Problem
 
-    if not isinstance(found, Problem) and callable(found):
+    if not isinstance(candidate, Problem) and callable(candidate):
         with _own_code(name, "the statement"):
-            found = found()
-    if not isinstance(found, Problem):
+            candidate = candidate()
+    if not isinstance(candidate, Problem):
         raise UsageError(
             f"--problem {name}: expected a climbplan.program.Problem or a function without "
-            f"arguments that returns one, got {type(found).__name__}"
+            f"arguments that returns one, got {type(candidate).__name__}"
         )
-    return found
+    return candidate
 
 
-def _offers(module: ModuleType) -> str:
-    """The problems and functions that a module does have."""
+def _list_offers(module: ModuleType) -> str:
+    """List the problems and functions of a module, for a message."""
     from climbplan.program.problem import Problem
 
-    own = [
+    offered_names = [
         key
         for key, value in vars(module).items()
         if isinstance(value, Problem)
         or (callable(value) and value.__module__ == module.__name__ and not key.startswith("_"))
     ]
-    return f" (it has {', '.join(own)})" if own else ""
+    return f" (it has {', '.join(offered_names)})" if offered_names else ""

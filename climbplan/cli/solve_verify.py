@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from climbplan.cli.console import Session, print_json, print_result
-from climbplan.cli.solve_problem import explained, load_problem
-from climbplan.cli.verify_line import badge_lines, warn_of_implausible
+from climbplan.cli.solve_problem import load_problem, run_user_code
+from climbplan.cli.verify_line import format_badge, warn_of_implausible
 from climbplan.errors import ExitCode, UsageError
 
 if TYPE_CHECKING:
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
 
 
 def is_program_plan(path: Path) -> bool:
-    """Whether the file answers a stated program; others are read by what their format says."""
-    from climbplan.store.plan_format import plan_format
+    """Return whether the file holds solutions of a stated program."""
+    from climbplan.store.plan_format import read_plan_format
     from climbplan.store.program_file import FORMAT
 
-    return plan_format(path) == FORMAT
+    return read_plan_format(path) == FORMAT
 
 
 def verify_program_plan(
@@ -43,7 +43,7 @@ def verify_program_plan(
     if name is None:
         verification = verify_file(plan, held)
     else:
-        with explained(session):
+        with run_user_code(session):
             verification = verify_program(plan, load_problem(name), held)
     tell(verification, as_json)
     if name is None:
@@ -54,11 +54,11 @@ def verify_program_plan(
 
 
 def is_certificate(path: Path) -> bool:
-    """Whether the file holds proofs of bounds."""
+    """Return whether the file holds certificates of bounds."""
     from climbplan.store.certificate_file import FORMAT
-    from climbplan.store.plan_format import plan_format
+    from climbplan.store.plan_format import read_plan_format
 
-    return plan_format(path) == FORMAT
+    return read_plan_format(path) == FORMAT
 
 
 def verify_certificate_file(path: Path, name: str | None, as_json: bool, session: Session) -> None:
@@ -69,7 +69,7 @@ def verify_certificate_file(path: Path, name: str | None, as_json: bool, session
     certified = read_certificates(path)
     leaves = sum(len(row.certificate.empty) for row in certified.rows)
     begin = time.perf_counter()
-    with explained(session):
+    with run_user_code(session):
         problem = None if name is None else load_problem(name)
         verification = verify_certificates(certified, problem)
     session.note(f"proofs    {leaves} leaves checked in {time.perf_counter() - begin:.2f} s")
@@ -77,12 +77,12 @@ def verify_certificate_file(path: Path, name: str | None, as_json: bool, session
 
 
 def is_program_dataset(path: Path) -> bool:
-    """Whether the file is a dataset of a stated program."""
+    """Return whether the file is a dataset of a stated program."""
     from climbplan.methods.dataset_rows import KIND
     from climbplan.store.dataset_file import FORMAT, read_dataset_file
-    from climbplan.store.plan_format import plan_format
+    from climbplan.store.plan_format import read_plan_format
 
-    return plan_format(path) == FORMAT and read_dataset_file(path).frame.kind == KIND
+    return read_plan_format(path) == FORMAT and read_dataset_file(path).frame.kind == KIND
 
 
 def verify_program_dataset(path: Path, name: str | None, as_json: bool, session: Session) -> None:
@@ -91,13 +91,13 @@ def verify_program_dataset(path: Path, name: str | None, as_json: bool, session:
     Raises:
         UsageError: without a statement, after what the file alone allows was checked and printed.
     """
-    from climbplan.datasets.check.verification import verification_of
+    from climbplan.datasets.check.verification import verify_dataset
     from climbplan.store.dataset_file import read_dataset_file
 
     data = read_dataset_file(path)
-    with explained(session):
+    with run_user_code(session):
         problem = None if name is None else load_problem(name)
-        verification = verification_of(data, path, problem)
+        verification = verify_dataset(data, path, problem)
     tell(verification, as_json)
     if name is None:
         raise UsageError(
@@ -116,6 +116,6 @@ def tell(verification: Verification, as_json: bool) -> None:
     if as_json:
         print_json(verification.as_dict())
     else:
-        print_result("\n".join([*badge_lines(verification), verification.table()]))
+        print_result("\n".join([*format_badge(verification), verification.table()]))
     if verification.objection:
         raise typer.Exit(ExitCode.UNVERIFIED)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from climbplan.climb.schema.model import SolverSpec
 from climbplan.errors import UsageError
-from climbplan.schema.fields import nearest, slot_at
+from climbplan.schema.fields import find_closest_name, find_slot
 from climbplan.schema.overrides import Override
 
 Given = tuple[str, str, str | float | None]
@@ -51,17 +51,17 @@ def spec_overrides(
 
 
 def _solver_key(name: str) -> str:
-    """`solver.posture`, `solver.force` or `solver.mixed`, the first that accepts this solver."""
+    """Return the first key of `solver` that accepts a solver of this name."""
     accepted = {}
-    for key in ("posture", "force", "mixed"):
-        slot = slot_at(SolverSpec, (key,))
+    for key in ("posture_solver", "force_solver", "mip_solver"):
+        slot = find_slot(SolverSpec, (key,))
         accepted[key] = slot.choices if slot is not None else ()
         if name in accepted[key]:
             return f"solver.{key}"
-    near = nearest(name, [name for names in accepted.values() for name in names])
+    suggestion = find_closest_name(name, [name for names in accepted.values() for name in names])
     raise UsageError(
-        f"--solver {name}: no such solver; posture problem: {', '.join(accepted['posture'])}; "
-        f"force problem: {', '.join(accepted['force'])}; "
-        f"mixed-integer program: {', '.join(accepted['mixed'])}"
-        + (f" (did you mean {near!r}?)" if near else "")
+        f"--solver {name}: no such solver; posture problem: {', '.join(accepted['posture_solver'])}; "
+        f"force problem: {', '.join(accepted['force_solver'])}; "
+        f"mixed-integer program: {', '.join(accepted['mip_solver'])}"
+        + (f" (did you mean {suggestion!r}?)" if suggestion else "")
     )

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from climbplan.api.kinds import PlanKind
 from climbplan.cli.console import warn
-from climbplan.errors import PlanFails
-from climbplan.store.atomic_file import written_aside
+from climbplan.errors import VerificationFailed
+from climbplan.store.atomic_file import replace_atomically
 from climbplan.verification.verification import Verification
 
 if TYPE_CHECKING:
@@ -44,7 +44,7 @@ def require_verified(kind: PlanKind, path: Path, allow_unverified: bool) -> str:
     verification.require_sound(path)
     failure = f"fails its verification: {verification.headline()}"
     if not allow_unverified:
-        raise PlanFails(
+        raise VerificationFailed(
             f"{path} {failure}; export writes plans that are verified, --unverified also this one, "
             "and says so in what it writes"
         )
@@ -68,6 +68,6 @@ def mark_unverified(target: Path, remark: str) -> None:
     if target.is_dir():
         (target / NOT_VERIFIED).write_text(f"{remark}\n", encoding="utf-8")
     elif target.suffix == ".csv":
-        with written_aside(target) as aside, aside.open("wb") as stream:
+        with replace_atomically(target) as aside, aside.open("wb") as stream:
             stream.write(f"# {remark}\n".encode())
             stream.write(target.read_bytes())

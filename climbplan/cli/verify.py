@@ -16,6 +16,7 @@ from climbplan.errors import UsageError
 def verify(
     context: typer.Context,
     plan: Plan,
+    *,
     problem: ProblemName = None,
     spec: Annotated[
         str | None,
@@ -55,12 +56,12 @@ def verify(
         from climbplan.api.recounting import recount_worlds, require_climb
 
         require_climb(path)
-    held = None
+    user_spec = None
     if spec is not None:
-        from climbplan.api.holding import held_against_own
+        from climbplan.api.holding import load_spec_to_verify
 
-        held = held_against_own(path, spec, assignments)
-    from climbplan.api.kinds import plan_kind
+        user_spec = load_spec_to_verify(path, spec, assignments)
+    from climbplan.api.kinds import identify_kind
     from climbplan.cli.solve_verify import (
         is_certificate,
         is_program_dataset,
@@ -72,7 +73,7 @@ def verify(
     )
 
     if is_certificate(path):
-        if held is not None:
+        if user_spec is not None:
             raise UsageError("--spec: a certificate is of its own spec's numbers")
         verify_certificate_file(path, problem, as_json, context.ensure_object(Session))
         return
@@ -80,14 +81,14 @@ def verify(
         verify_program_dataset(path, problem, as_json, context.ensure_object(Session))
         return
     if is_program_plan(path):
-        verify_program_plan(path, problem, as_json, context.ensure_object(Session), held)
+        verify_program_plan(path, problem, as_json, context.ensure_object(Session), user_spec)
         return
-    verification = plan_kind(path).verify(path, held)
+    verification = identify_kind(path).verify(path, user_spec)
     if worlds:
         verification = recount_worlds(path, verification)
-    if held is None:
-        from climbplan.verification.verification import stored_differences
+    if user_spec is None:
+        from climbplan.verification.verification import find_stored_differences
 
-        for difference in stored_differences(path, verification):
+        for difference in find_stored_differences(path, verification):
             warn(difference)
     tell(verification, as_json)

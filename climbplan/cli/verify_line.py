@@ -1,4 +1,4 @@
-"""What a run and `verify` say of a verification: one line, its level, and against what."""
+"""The lines that runs and `verify` print about a verification."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ if TYPE_CHECKING:
     from climbplan.verification.verification import Verification
 
 
-def verify_line(verification: Verification, seconds: float) -> str:
-    """How the verification went, in the columns of the lines before it."""
-    word = "passed" if verification.passed else "FAILED"
+def format_verification(verification: Verification, seconds: float) -> str:
+    """Format the outcome of a verification in the columns of the other stages."""
+    outcome = "passed" if verification.passed else "FAILED"
     in_model = f"{verification.badge}; " if verification.passed and verification.model else ""
-    return f"{'verify':<9} {word:<9} {seconds:.2f} s   {in_model}{verification.headline()}"
+    return f"{'verify':<9} {outcome:<9} {seconds:.2f} s   {in_model}{verification.headline()}"
 
 
-def leaves_out_lines(verification: Verification) -> Iterator[str]:
-    """What the badge leaves out, one line each."""
+def format_omissions(verification: Verification) -> Iterator[str]:
+    """Format what the badge leaves out, one line each."""
     for words in verification.leaves_out:
         yield f"{'':<9} {'leaves out':<9} {words}"
     for words in verification.fragile:
         yield f"{'':<9} {'fragile':<9} {words}"
 
 
-def level_line(verification: Verification) -> str:
-    """The level of a plan and what to do with it, in the columns of the lines before it."""
+def format_level(verification: Verification) -> str:
+    """Format the level of a plan and the advice that goes with it."""
     return f"{'level':<9} {verification.level.label}: {verification.advice}"
 
 
-def badge_lines(verification: Verification) -> Iterator[str]:
-    """What `verify` prints above its table: badge, level, what is left out, and the spec."""
-    yield ", ".join(filter(None, (verification.badge, verification.stands)))
+def format_badge(verification: Verification) -> Iterator[str]:
+    """Format badge, level, omissions and spec, which `verify` prints above its table."""
+    yield ", ".join(filter(None, (verification.badge, verification.risk_summary)))
     yield f"{verification.level.label}: {verification.advice}"
     for words in verification.leaves_out:
         yield f"  leaves out: {words}"
@@ -47,6 +47,6 @@ def badge_lines(verification: Verification) -> Iterator[str]:
 
 
 def warn_of_implausible(verification: Verification) -> None:
-    """Data and deflections that no such robot has; quiet does not hide them."""
+    """Warn of implausible data and deflections, with --quiet as well."""
     for words in verification.implausible:
         warn(f"implausible: {words}")

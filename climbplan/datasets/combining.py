@@ -30,7 +30,7 @@ def merge(named_datasets: Sequence[tuple[str, Dataset]], drop_duplicates: bool =
     for dataset_name, data in named_datasets[1:]:
         if difference := describe_frame_difference(first.frame, data.frame):
             raise UsageError(f"{dataset_name} does not go with {name}: {difference}")
-    whole = Dataset.joined([data for _, data in named_datasets])
+    whole = Dataset.join([data for _, data in named_datasets])
     is_repeated = _mark_repeated(whole)
     if is_repeated.any() and not drop_duplicates:
         first_repeated = int(np.argmax(is_repeated))
@@ -39,8 +39,8 @@ def merge(named_datasets: Sequence[tuple[str, Dataset]], drop_duplicates: bool =
         ]
         raise UsageError(
             f"{int(is_repeated.sum())} rows hold a problem that an earlier row holds, the first in "
-            f"{owner} (seed {int(whole.seed[first_repeated])}): merge datasets of different seeds, or drop "
-            "these rows with --drop-duplicates"
+            f"{owner} (seed {int(whole.seed[first_repeated])}): merge datasets of different seeds, "
+            "or drop these rows with --drop-duplicates"
         )
     if is_repeated.any():
         whole = whole.rows(np.flatnonzero(~is_repeated))

@@ -86,7 +86,7 @@ class DaskEngine:
         except (OSError, ValueError) as error:  # OSError: nobody answers
             self._close()
             raise UsageError(f"--scheduler {self._scheduler}: cannot connect: {error}") from error
-        self._look()
+        self._refresh_workers()
         return self
 
     def __exit__(
@@ -107,7 +107,7 @@ class DaskEngine:
 
     def idle(self) -> bool:
         """Return whether a worker has nothing to do."""
-        self._look()
+        self._refresh_workers()
         return bool(self._idle())
 
     def submit(self, chunk: Chunk) -> None:
@@ -140,7 +140,7 @@ class DaskEngine:
         except queue.Empty:
             pass
         done = [self._finish(self._busy.pop(t)) for t in tickets if t in self._busy]
-        self._look()
+        self._refresh_workers()
         now = time.monotonic()
         for ticket, busy in list(self._busy.items()):
             is_lost, is_late = busy.address not in self._addresses, now > busy.until
@@ -167,7 +167,7 @@ class DaskEngine:
         busy_addresses = {busy.address for busy in self._busy.values()}
         return sorted(self._addresses - busy_addresses)
 
-    def _look(self) -> None:
+    def _refresh_workers(self) -> None:
         """See now and then which workers there are; one with several threads is refused."""
         now = time.monotonic()
         if now - self._looked_at < _LOOK:

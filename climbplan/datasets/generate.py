@@ -48,7 +48,7 @@ def generate_rows(
     report: Callable[[Count], None] | None = None,
     tell: Callable[[str], None] | None = None,
 ) -> Iterator[Generated]:
-    """All rows of a spec; shards are removed after the block, kept if anything stops it.
+    """Yield all rows of a spec; shards are removed after the block, kept if anything stops it.
 
     files: that the rows depend on beside the spec. tell: is called with lines for people.
 

@@ -60,7 +60,7 @@ class LocalEngine:
 
     @property
     def width(self) -> int:
-        """As asked for."""
+        """The number of worker processes."""
         return self._jobs
 
     def idle(self) -> bool:

@@ -122,17 +122,17 @@ class _State:
     def take(self, done: Done) -> None:
         """Keep rows; see to those of a worker that was lost."""
         if not done.lost:
-            rows = [self._explained(row) for row in done.rows]
+            rows = [self._explain(row) for row in done.rows]
             self._store.add(rows)
             self._new += len(rows)
             self._answered += sum(row.answer.status in ANSWERED for row in rows)
-            self.pending.learn(self._spent(rows), len(rows))
+            self.pending.learn(self._sum_time(rows), len(rows))
             return
         chunk = done.chunk
         for index in chunk.rows:
             if chunk.only_draw:  # not even the sampler survives
                 row = Row(index, derive_seed(self._seed, index), None, RowAnswer("failed"))
-                self._store.add([self._explained(row)])
+                self._store.add([self._explain(row)])
                 self._new += 1
                 continue
             if chunk.attempt + 1 < _ATTEMPTS:
@@ -141,14 +141,14 @@ class _State:
                 self._reasons[index] = f"{done.lost}, twice"
                 self.pending.again(Chunk((index,), chunk.attempt + 1, only_draw=True))
 
-    def _explained(self, row: Row) -> Row:
+    def _explain(self, row: Row) -> Row:
         """Return a row that was given up says why."""
         reason = self._reasons.get(row.index)
         if reason is None or row.answer.status != "failed":
             return row
         return replace(row, answer=replace(row.answer, message=reason))
 
-    def _spent(self, rows: list[Row]) -> float:
+    def _sum_time(self, rows: list[Row]) -> float:
         """Return time of some rows, the sampler's included: what the whole run needed for a row."""
         solving = sum(row.answer.time for row in rows)
         return max(solving, 1e-4 * len(rows))

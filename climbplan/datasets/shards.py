@@ -112,7 +112,7 @@ class ShardStore:
             if stored.count != len(self._rows(shard)):
                 raise PlanFileError(f"{self._path(shard)}: {stored.count} rows, expected more")
             datasets.append(stored)
-        return Dataset.joined(datasets)
+        return Dataset.join(datasets)
 
     def _rows(self, shard: int) -> range:
         return range(shard * self.size, min((shard + 1) * self.size, self.count))

@@ -38,7 +38,7 @@ class Identity:
 
     @classmethod
     def of(cls, spec: DatasetSpec, frame: DatasetFrame, files: tuple[Path, ...]) -> Identity:
-        """Of a run that is about to start.
+        """Return the identity of a run that is about to start.
 
         Raises UsageError for a file that cannot be read.
         """

@@ -31,7 +31,7 @@ class BaseLink:
     rotation: Array  # (3, 3) root link to body
 
     def motion(self, position: Array, rotation: Array) -> BodyMotion:
-        """Return the link's motion, of a body at `position` (T, 3) turned by `rotation` (T, 3, 3)."""
+        """Return the link's motion for a body at `position` (T, 3) with `rotation` (T, 3, 3)."""
         quaternion = Rotation.from_matrix(rotation @ self.rotation).as_quat()
         return BodyMotion(
             self.name, position + rotation @ self.position, unwrap_quaternions(quaternion)
@@ -95,7 +95,7 @@ def collect_urdf_facts(robot: UrdfRobot) -> Mapping[str, object]:
     mimics = {}
     for joint in robot.tree.joints.values():
         coupling = resolve_mimic(robot.tree, joint)
-        if coupling is not None and joint.name not in robot.spec.held:
+        if coupling is not None and joint.name not in robot.spec.locked_positions:
             mimics[joint.name] = {
                 "joint": coupling.leader,
                 "multiplier": coupling.ratio,
@@ -103,7 +103,7 @@ def collect_urdf_facts(robot: UrdfRobot) -> Mapping[str, object]:
             }
     return {
         "base_link": robot.tree.roots[0],
-        "held_joints": dict(robot.spec.held),
+        "held_joints": dict(robot.spec.locked_positions),
         "mimic_joints": mimics,
         "toes": {
             name: {"link": leg.toe, "offset": [float(x) for x in leg.toe_offset]}

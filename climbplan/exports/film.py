@@ -58,13 +58,13 @@ def write_film(
 
         def draw_frames() -> Iterator[Picture]:
             for number, time in enumerate(times):
-                yield frames.at(float(time))
+                yield frames.render_at(float(time))
                 progress((number + 1) / len(times))
 
         with replace_atomically(path) as temporary_path:
             kind.write(draw_frames(), temporary_path, kind.rate)
         with replace_atomically(still_path) as temporary_path:
-            picture = Image.fromarray(frames.at(float(times[middle])))
+            picture = Image.fromarray(frames.render_at(float(times[middle])))
             picture.quantize(192).save(temporary_path, "PNG", optimize=True)
     return still_path
 

@@ -13,7 +13,7 @@ from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.reports import palette
 from climbplan.reports.viewer.camera import compute_camera_path, measure_moving_parts
-from climbplan.reports.viewer.scene import Scene, Shape, Solids, interpolate, compute_outline
+from climbplan.reports.viewer.scene import Scene, Shape, Solids, compute_outline, interpolate
 from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Picture
 
@@ -89,7 +89,7 @@ class Frames:
     ) -> None:
         self._renderer.close()
 
-    def at(self, time: float) -> Picture:
+    def render_at(self, time: float) -> Picture:
         """Return the picture (HEIGHT, WIDTH, 3) at a time of the plan [s]."""
         self._camera.lookat[:] = compute_camera_path(self._scene, self._middle, np.array([time]))[0]
         renderer = self._renderer
@@ -239,7 +239,7 @@ def _build_model(mujoco: Any, solids: Solids | None) -> Any:
 
 
 def _parse_color(color: str, opacity: float = 1.0) -> Array:
-    """Of "#rrggbb"."""
+    """Return the channels (4,) of "#rrggbb" with an opacity."""
     channels = [int(color[offset : offset + 2], 16) / 255 for offset in (1, 3, 5)]
     return np.array([*channels, opacity], np.float32)
 

@@ -19,7 +19,7 @@ from climbplan.exports.motion import (
 )
 from climbplan.exports.ros2_control import write_controller
 from climbplan.exports.ros_files import write_bag, write_mcap
-from climbplan.exports.sampling import resample_at_rate, add_load_ramps
+from climbplan.exports.sampling import add_load_ramps, resample_at_rate
 from climbplan.exports.sidecar import write_facts, write_sidecar
 from climbplan.exports.tables import write_arrays, write_table
 from climbplan.exports.usd_file import write_usd

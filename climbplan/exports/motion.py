@@ -129,15 +129,15 @@ class RobotMotion:
 
 
 def describe_gains(gain: Array, feedforward: bool = False, slides: tuple[bool, ...] = ()) -> str:
-    """Return what a user of commands has to know; gain: (J,) [N m/rad], [N/m] of joints that slide."""
+    """Describe the gains (J,) that commands hold for [N m/rad], [N/m] of joints that slide."""
     if feedforward:
         return (
             "commands are the angles at which joints come to rest; controllers have to add the "
             "torques told beside them, or the robot sags"
         )
     return (
-        f"commands hold for controllers whose P gains are {_format_ranges(gain, slides)}; for others give "
-        "--gains or --feedforward"
+        f"commands hold for controllers whose P gains are {_format_ranges(gain, slides)}; for "
+        "others give --gains or --feedforward"
     )
 
 

@@ -21,7 +21,7 @@ _ROOM = 0.1  # [rad] of tracking errors beside what contacts bend joints by
 
 
 def write_controller(motion: RobotMotion, directory: Path) -> None:
-    """`controllers.yaml` and `goal.yaml`; raises UsageError for a motion without joints."""
+    """Write `controllers.yaml` and `goal.yaml`; raises UsageError for a motion without joints."""
     joints = motion.joints
     if joints is None:
         raise UsageError(f"{motion.name}: no joints to control: {'; '.join(motion.words)}")
@@ -104,7 +104,7 @@ def _format_numbers(values: Array) -> str:
 
 
 def _format_number(value: float) -> str:
-    """To 1e-12, with a point: YAML takes 1e-5 for a word."""
+    """Format a number to 1e-12, with a point: YAML reads 1e-5 as text."""
     text = f"{value:.12g}"
     mantissa, mark, exponent = text.partition("e")
     if "." not in mantissa:

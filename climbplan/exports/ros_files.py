@@ -14,7 +14,7 @@ BAG_VERSION: Final = 9  # of rosbag2's metadata
 
 
 def write_mcap(motion: RobotMotion, out: Path) -> None:
-    """One file with schemas, as Foxglove and `ros2 bag` read it.
+    """Write one file with schemas, as Foxglove and `ros2 bag` read it.
 
     Raises MissingSolver without the extra `ros`, UsageError if the file cannot be written.
     """
@@ -28,7 +28,7 @@ def write_mcap(motion: RobotMotion, out: Path) -> None:
         writer.start(profile="ros2", library="climbplan")
         schemas: dict[str, int] = {}
         channels: dict[str, int] = {}
-        for number, stamped in enumerate(Messages(motion, types).all()):
+        for number, stamped in enumerate(Messages(motion, types).build_all()):
             if stamped.kind not in schemas:
                 text, _ = types.generate_msgdef(stamped.kind, ros_version=2)
                 schemas[stamped.kind] = writer.register_schema(
@@ -50,7 +50,7 @@ def write_mcap(motion: RobotMotion, out: Path) -> None:
 
 
 def write_bag(motion: RobotMotion, directory: Path) -> None:
-    """A bag of ROS 2 in a directory that is not there yet: SQLite storage and metadata.
+    """Write a bag of ROS 2 into a new directory: SQLite storage and metadata.
 
     Raises MissingSolver without the extra `ros`, UsageError if the bag cannot be written.
     """
@@ -68,7 +68,7 @@ def write_bag(motion: RobotMotion, directory: Path) -> None:
 def _write_messages(motion: RobotMotion, types: Any, writer: Any) -> None:
     with writer:
         connections = {}
-        for stamped in Messages(motion, types).all():
+        for stamped in Messages(motion, types).build_all():
             if stamped.topic not in connections:
                 connections[stamped.topic] = writer.add_connection(
                     stamped.topic, stamped.kind, typestore=types

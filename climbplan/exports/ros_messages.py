@@ -48,7 +48,7 @@ class Messages:
         self._motion, self._types = motion, types.types
         self._topics = () if motion.contacts is None else name_contact_topics(motion.contacts.names)
 
-    def all(self) -> Iterator[Stamped]:
+    def build_all(self) -> Iterator[Stamped]:
         """In order of time; what does not change comes first."""
         motion = self._motion
         begin = convert_to_nanoseconds(float(motion.time[0]))
@@ -219,5 +219,5 @@ def name_contact_topics(names: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def convert_to_nanoseconds(seconds: float) -> int:
-    """As ROS counts time."""
+    """Return a time in whole nanoseconds, as ROS has it."""
     return round(seconds * 1e9)

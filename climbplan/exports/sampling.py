@@ -15,8 +15,8 @@ from climbplan.exports.motion import (
     ContactMotion,
     JointMotion,
     RobotMotion,
-    unwrap_quaternions,
     require_increasing,
+    unwrap_quaternions,
 )
 
 _MOST_RATE = 2000.0  # [Hz]
@@ -132,7 +132,7 @@ def _sample_joints(time: Array, joints: JointMotion, new_time: Array) -> JointMo
 
 
 def _interpolate_linearly(time: Array, values: Array, new_time: Array) -> Array:
-    """Torques and forces begin and end within a sample: a spline would swing about them."""
+    """Interpolate torques and forces linearly: a spline would overshoot where contacts change."""
     before = np.clip(np.searchsorted(time, new_time, side="right") - 1, 0, max(len(time) - 2, 0))
     after = np.minimum(before + 1, len(time) - 1)
     span = np.where(after > before, time[after] - time[before], 1.0)

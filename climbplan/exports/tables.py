@@ -19,7 +19,7 @@ POSE = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 
 
 def write_table(motion: RobotMotion, out: Path) -> None:
-    """One row a sample: time, poses of bodies, what each joint is told, what touches and holds.
+    """Write one row a sample: time, poses of bodies, joint commands, contacts and latches.
 
     Raises UsageError if the file cannot be written.
     """
@@ -75,7 +75,7 @@ def _iterate_rows(table: Array) -> Iterator[list[float]]:
 
 
 def write_arrays(motion: RobotMotion, out: Path) -> None:
-    """An `.npz` of plain arrays under the names of this module's table; no pickles.
+    """Write an `.npz` of plain arrays under the names of this module's table; no pickles.
 
     Raises UsageError if the file cannot be written.
     """

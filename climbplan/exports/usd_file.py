@@ -17,7 +17,7 @@ _MARKER = 0.02  # [m] half edge of a body of unknown size
 
 
 def write_usd(motion: RobotMotion, out: Path) -> None:
-    """A binary or text stage by the suffix of the file (.usd, .usdc, .usda); metres, z up.
+    """Write a binary or text stage by the file's suffix (.usd, .usdc, .usda); metres, z up.
 
     Time codes are samples, played at the motion's mean rate. Raises MissingSolver without the extra
     `usd`, UsageError if the file cannot be written.
@@ -93,7 +93,7 @@ def _add_body(
 def _add_link(
     geometry: Any, stage: Any, path: str, ends: Array, radius: float, codes: Array
 ) -> None:
-    """A capsule along z from the first to the second of ends (T, 2, 3)."""
+    """Add a capsule along z from the first to the second of ends (T, 2, 3)."""
     along = ends[:, 1] - ends[:, 0]
     length = np.linalg.norm(along, axis=1)
     capsule = geometry.Capsule.Define(stage, path)
@@ -118,6 +118,6 @@ def _animate(prim: Any, position: Array, quaternion: Array, codes: Array) -> Non
 
 
 def _format_identifier(text: str) -> str:
-    """As a name of USD: letters, digits and underscores."""
+    """Return a text as a name of USD: letters, digits and underscores."""
     identifier = "".join(c if c.isascii() and c.isalnum() else "_" for c in text)
     return identifier if identifier and not identifier[0].isdigit() else f"_{identifier}"

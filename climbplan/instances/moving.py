@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.bookshelf.scene.generator import generate_scene, shelf_for
-from climbplan.bookshelf.statement.points import theta_of
-from climbplan.bookshelf.statement.stated import shelf_problem
+from climbplan.bookshelf.scene.generator import build_drop_shelf, generate_scene
+from climbplan.bookshelf.statement.points import build_theta
+from climbplan.bookshelf.statement.shelf_problem import build_shelf_problem
 from climbplan.instances.cart_pole import MAX_STATE, PUSHED, build_walled_cart_pole
 from climbplan.instances.climbing import build_linear_instance
 from climbplan.limms.consensus.mixed_integer import MixedIntegerBlock
@@ -18,7 +18,7 @@ from climbplan.limms.scene.limms_scene import build_scene
 from climbplan.limms.schema.loading import limms_of
 from climbplan.program.instance import Instance
 from climbplan.schema.document import Document
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 from climbplan.schema.overrides import apply_overrides
 from climbplan.schema.source import SourceText
 from climbplan.schema.yaml_source import parse_yaml
@@ -36,7 +36,9 @@ _MAX_COST_RATIO = 2.0  # largest cost of a walk, as a multiple of the guess's co
 def build_book_instance(rng: np.random.Generator, stored: int) -> Instance:
     """Build the insertion of a book into a shelf of `stored` books, with products (8.1)."""
     scene = generate_scene(int(rng.integers(1 << 30)), 0, stored)
-    return shelf_problem(stored, shelf_for(stored), "contact").instance(theta_of(scene))
+    return build_shelf_problem(stored, build_drop_shelf(stored), "contact").instance(
+        build_theta(scene)
+    )
 
 
 def build_cart_pole_instance(rng: np.random.Generator, steps: int) -> Instance:
@@ -89,5 +91,5 @@ def build_module_instance(rng: np.random.Generator, intervals: int) -> Instance:
 
 def _load_example(name: str, overrides: list[str]) -> tuple[Document, SourceText]:
     """Load a shipped spec with some keys overridden."""
-    text = SourceText(name, name, Path.cwd(), example_text(name))
+    text = SourceText(name, name, Path.cwd(), read_example(name))
     return apply_overrides(parse_yaml(text.text, text.shown), overrides), text

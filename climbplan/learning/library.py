@@ -17,8 +17,8 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.program import Program
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_dataset, write_text
 
 FORMAT = "climbplan/library"
 FORMAT_VERSION = 1
@@ -175,7 +175,7 @@ def write_library(library: Library, path: Path) -> None:
     Raises:
         UsageError: The file cannot be written.
     """
-    with new_store(path) as file:
+    with create_store(path) as file:
         write_text(file, "format", FORMAT)
         file.attrs["format_version"] = FORMAT_VERSION
         write_text(file, "program", library.frame.name)
@@ -195,7 +195,7 @@ def read_library(path: Path) -> Library:
         PlanFileError: The file is missing, damaged, of another kind, or its numbers cannot be those
             of solved problems.
     """
-    with opened_store(path) as file:
+    with open_store(path) as file:
         reader = Reader(path, file)
         kind = reader.text("", "format")
         if kind != FORMAT:

@@ -27,8 +27,8 @@ from climbplan.learning.model import MODEL_KINDS, StrategyModel
 from climbplan.learning.network import Network
 from climbplan.learning.trees import Trees
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets
 from climbplan.store.root_attributes import Origin, read_root, require_other, write_root
 
 FORMAT = "climbplan/strategy"
@@ -102,7 +102,7 @@ def write_model(stored: ModelFile, path: Path) -> None:
     """
     model = stored.model
     library, frame = model.library, model.library.frame
-    with new_store(path) as file:
+    with create_store(path) as file:
         texts = {"title": stored.title, "kind": model.kind, "program": frame.name}
         write_root(
             file,
@@ -139,7 +139,7 @@ def read_model(path: Path) -> ModelFile:
         PlanFileError: The file is missing, damaged, of another kind, has foreign members, or its
             numbers cannot be those of a trained strategy.
     """
-    with opened_store(path) as file:
+    with open_store(path) as file:
         reader = Reader(path, file)
         try:
             stored = _read_model_file(reader)

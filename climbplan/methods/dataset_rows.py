@@ -18,7 +18,7 @@ from climbplan.learning.library import Frame, Library
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import Method, MethodSettings, SharedCache
 from climbplan.program.problem import Problem
-from climbplan.store.dataset import Dataset, DatasetFrame, solution_layout
+from climbplan.store.dataset import Dataset, DatasetFrame, build_solution_layout
 from climbplan.store.dataset_row import RowAnswer
 from climbplan.store.program_plan import Layouts
 
@@ -110,8 +110,8 @@ def build_frame(problem: Problem) -> DatasetFrame:
             *(f"choice_{k}" for k in range(choices)),
         ),
         layouts={
-            "x": solution_layout((len(names),)),
-            "assignment": solution_layout((choices,), kind="int"),
+            "x": build_solution_layout((len(names),)),
+            "assignment": build_solution_layout((choices,), kind="int"),
         },
     )
 

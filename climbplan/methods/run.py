@@ -53,7 +53,7 @@ def generate_thetas(problem: Problem, loaded: LoadedProgram) -> tuple[dict[str, 
             place = f"theta.{k}" if isinstance(spec.theta, list) else "theta"
             mistakes.append(SpecMistake(place, str(error)))
     if mistakes:
-        raise loaded.placed(SpecError(loaded.source, mistakes))
+        raise loaded.locate(SpecError(loaded.source, mistakes))
     return tuple(thetas)
 
 

@@ -16,7 +16,7 @@ from climbplan.methods.dataset_rows import build_library
 from climbplan.program.problem import Problem
 from climbplan.schema.learning.strategy_loading import LoadedStrategy
 from climbplan.store import dataset_file
-from climbplan.store.plan_format import plan_format
+from climbplan.store.plan_format import read_plan_format
 from climbplan.store.program_file import read_program
 from climbplan.store.program_plan import Layouts
 
@@ -28,7 +28,7 @@ def read_library(problem: Problem, path: Path) -> Library:
         PlanFileError: The file is of another kind.
         UsageError: It belongs to another problem, or has no answered row.
     """
-    if plan_format(path) == dataset_file.FORMAT:
+    if read_plan_format(path) == dataset_file.FORMAT:
         try:
             return build_library(problem, dataset_file.read_dataset_file(path))
         except PlanFileError:

@@ -22,7 +22,7 @@ def read_part(name: str) -> str:
 
 
 def build_policy(scripts: Iterable[str]) -> str:
-    """Return a content policy that allows these inline scripts, no others, and no network at all."""
+    """Return a content policy that allows these inline scripts, no others, and no network."""
     digests = (hashlib.sha256(text.encode()).digest() for text in scripts)
     allowed = " ".join(f"'sha256-{base64.b64encode(d).decode()}'" for d in digests) or "'none'"
     return (

@@ -19,10 +19,10 @@ from climbplan.reports.page_parts import (
     Card,
     Rows,
     build_check_rows,
-    encode_data_url,
-    format_value,
     build_policy,
     build_style,
+    encode_data_url,
+    format_value,
     summarise_verification,
 )
 from climbplan.reports.unit_words import format_units
@@ -101,7 +101,7 @@ def build_report_fields(
     scripts: Sequence[str] = (),
     data: Mapping[str, Markup] = NOTHING,
 ) -> Fields:
-    """As `frame_fields`, of a report; its badges say what it is verified in, and its status."""
+    """Return the fields of a report's frame; badges say what it is verified in, and its status."""
     default_badge = "verified" if report["verified"] else "not verified"
     return build_frame_fields(
         title=report["title"] or report["name"],

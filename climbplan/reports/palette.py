@@ -32,7 +32,7 @@ LABELS = ("#4DA37F", "#E0A03A", "#8C5FA8")  # feasible, force-, kinematics-infea
 
 
 def choose_ink(color: str) -> str:
-    """Return the colour of text on "#rrggbb": dark, or white where that has more contrast (WCAG 2)."""
+    """Return the text colour on "#rrggbb": dark, or white where that has more contrast (WCAG 2)."""
     channels = [int(color[offset : offset + 2], 16) / 255 for offset in (1, 3, 5)]
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
     luminance = 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]

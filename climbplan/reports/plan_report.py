@@ -67,6 +67,6 @@ class PlanReport(Generic[Plan]):
     def write_values(
         self, path: Path, directory: Path, verification: Verification | None = None
     ) -> None:
-        """As `write_report`, but report.json alone: no page, no figures."""
+        """Write report.json alone: no page, no figures."""
         report = self.values(self.read(path), verification or self.verify(path))
         write_values(directory, {**report, "figures": []})

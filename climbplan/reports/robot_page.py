@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from climbplan.reports.page_parts import Card, Table
-from climbplan.reports.page_template import fill, build_frame_fields
+from climbplan.reports.page_template import build_frame_fields, fill
 from climbplan.reports.robot_picture import draw_robot_picture
 from climbplan.reports.sheet import render_png
 from climbplan.robots.facts import measure_robot

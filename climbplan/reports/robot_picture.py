@@ -15,10 +15,10 @@ from climbplan.reports import palette
 from climbplan.reports.sheet import (
     draw_foot_legend,
     draw_heading,
-    format_limb_name,
-    new_figure,
     draw_panel_title,
+    format_limb_name,
     format_plain,
+    new_figure,
     style_axes,
 )
 from climbplan.robots.facts import RobotFacts
@@ -67,7 +67,8 @@ def draw_robot_picture(
             if np.isfinite(facts.stance_angles[limb]).all():
                 limb_points = points[limb]
                 ax.plot(
-                    limb_points[:, horizontal], limb_points[:, vertical], color=color, linewidth=2 if looks is None else 1,
+                    limb_points[:, horizontal], limb_points[:, vertical], color=color,
+                    linewidth=2 if looks is None else 1,
                     marker="o", markersize=3.5 if looks is None else 2.5,
                 )  # fmt: skip
         ax.set_aspect("equal", adjustable="datalim")
@@ -103,7 +104,7 @@ def _collect_triangles(visual_geometry: VisualGeometry, robot: Robot, angles: Ar
 
 
 def _draw_triangles(ax: Axes, triangles: Array, horizontal: int, vertical: int) -> None:
-    """Triangles that face the viewer, the nearest last, darker the more they are turned away."""
+    """Draw triangles that face the viewer, the nearest last, darker the more they turn away."""
     toward = np.cross(np.eye(3)[horizontal], np.eye(3)[vertical])
     normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     size = np.linalg.norm(normal, axis=1)
@@ -114,8 +115,8 @@ def _draw_triangles(ax: Axes, triangles: Array, horizontal: int, vertical: int) 
     colors = np.repeat(grey[:, None], 3, axis=1)
     ax.add_collection(
         PolyCollection(
-            list(triangles[visible][..., [horizontal, vertical]]), facecolors=colors, edgecolors=colors,
-            linewidths=0.2, zorder=0.5,
+            list(triangles[visible][..., [horizontal, vertical]]), facecolors=colors,
+            edgecolors=colors, linewidths=0.2, zorder=0.5,
         )
     )  # fmt: skip
 

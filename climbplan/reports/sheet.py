@@ -120,7 +120,7 @@ def format_limb_name(name: str) -> str:
 
 
 def draw_heading(figure: Figure, text: str, note: str) -> None:
-    """A heading and, on the right, what is drawn. Text from a spec must be `plain`."""
+    """Draw a heading and, on the right, what is shown. Text from a spec must be plain."""
     y = 1 - 0.14 / figure.get_figheight()
     figure.text(0.012, y, text, fontsize=12.5, fontweight="bold", va="top", color=palette.INK)
     figure.text(0.988, y, note, fontsize=9, va="top", ha="right", color=palette.MUTED)
@@ -138,14 +138,14 @@ def style_axes(ax: Axes) -> None:
 
 
 def draw_panel_title(ax: Axes, text: str, note: str = "") -> None:
-    """What a panel shows, with a note on the right. Text from a spec must be `plain`."""
+    """Draw a panel's title, with a note on the right. Text from a spec must be plain."""
     # y fixed: no axis here has ticks above, which matplotlib would look for at each drawing.
     ax.set_title(text, loc="left", y=1.0, fontsize=10, fontweight="bold", color=palette.INK)
     ax.set_title(note, loc="right", y=1.0, fontsize=8.5, color=palette.MUTED)
 
 
 def draw_foot_legend(figure: Figure, handles: Sequence[Artist], labels: Sequence[str]) -> None:
-    """One legend along the foot of a figure."""
+    """Draw one legend along the foot of a figure."""
     # A leading blank keeps matplotlib from hiding names that begin with an underscore.
     figure.legend(
         list(handles),
@@ -184,8 +184,7 @@ def render_figures(plan: Plan, figures: Mapping[str, Callable[[Plan], Figure]]) 
 
 @contextmanager
 def _suspend_garbage_collection() -> Iterator[None]:
-    """Python's collector of cycles held back: in figures' many objects it finds next to nothing
-    and takes a fifth of the time."""
+    """Suspend Python's cyclic garbage collector, which frees next to nothing in figures."""
     collects = gc.isenabled()
     gc.disable()
     try:

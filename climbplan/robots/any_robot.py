@@ -37,7 +37,7 @@ def require_no_flat_feet(spec: AnyRobot, what: str) -> AnyRobot:
             f"flat feet are for `plan-climb`; {what} would take them for points: expected "
             "`radius`, or no `foot`"
         )
-        raise spec.refused([Finding(("foot",), message)])
+        raise spec.build_error([Finding(("foot",), message)])
     return spec
 
 

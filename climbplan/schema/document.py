@@ -54,7 +54,7 @@ class Document:
             format_key_path(finding.path), finding.message, line, finding.suggestion, source
         )
 
-    def placed(self, mistake: SpecMistake) -> SpecMistake:
+    def locate(self, mistake: SpecMistake) -> SpecMistake:
         """Return a mistake found later, by its dotted key alone, with its line or option."""
         if mistake.line or mistake.source or not mistake.key:
             return mistake

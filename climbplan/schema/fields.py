@@ -64,7 +64,7 @@ class Slot:
         inner_type, bounds = _strip_annotation(annotation)
         return Slot(inner_type, bounds, self.unit, self.meaning)
 
-    def expected(self) -> str:
+    def describe_expected(self) -> str:
         """Return what belongs here, such as `a number in m > 0`."""
         if self.model is not None:
             text = "text or " if self.or_text else ""
@@ -95,12 +95,12 @@ class Slot:
             at_least = (
                 f" of at least {_COUNTS.get(min_lengths[0], min_lengths[0])}" if min_lengths else ""
             )
-            return f"a list{at_least}, each {self._element(arguments[0]).expected()}"
+            return f"a list{at_least}, each {self._element(arguments[0]).describe_expected()}"
         if get_origin(self.type) is tuple:
             count = _COUNTS.get(len(arguments), str(len(arguments)))
             return f"a list of {count} numbers{f' in {self.unit}' if self.unit else ''}"
         if get_origin(self.type) is dict:
-            return f"a mapping from name to {self._element(arguments[1]).expected()}"
+            return f"a mapping from name to {self._element(arguments[1]).describe_expected()}"
         raise TypeError(f"no words for the type {self.type}")
 
     def _range(self) -> str:

@@ -35,7 +35,7 @@ class Rules:
     chosen: tuple[str, ...] = ()  # the planner's choice where a spec leaves them out
 
     def role(self, key: str, written: bool) -> Role:
-        """Return what a key is; written: whether the user's spec has it. Longer entries come first."""
+        """Return what a key is; written: whether the user's spec has it. Longer entries win."""
         if not written and _match_length(key, self.chosen):
             return "chosen"
         how, judged = _match_length(key, self.how), _match_length(key, self.judged)
@@ -110,7 +110,8 @@ class KeyDifference:
             "judged": "",
             "held": "",
         }[self.role]
-        return f"{self.key}: plan's spec {_format_value(self.plan)}, yours {_format_value(self.own)}{role_note}"
+        values = f"plan's spec {_format_value(self.plan)}, yours {_format_value(self.own)}"
+        return f"{self.key}: {values}{role_note}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""

@@ -73,8 +73,8 @@ def find_kind(document: Document, expected_kind: str | None = None) -> str | Fin
     """Return the kind of a document, or what is wrong with its `kind`.
 
     Raises:
-        SpecError: it is not a mapping at all, or a spec of another kind than `expected_kind`; what else
-            it holds need not be looked at then.
+        SpecError: it is not a mapping at all, or a spec of another kind than `expected_kind`; the
+            rest of it need not be checked then.
     """
     kind_names = ", ".join(f"`{kind}`" for kind in KINDS)
     example = f"kind: {expected_kind or 'climb'}"

@@ -25,9 +25,9 @@ class LoadedSpec:
     directory: Path  # that relative paths start from
     document: Document = field(repr=False, compare=False)  # where each value was written
 
-    def placed(self, error: SpecError) -> SpecError:
+    def locate(self, error: SpecError) -> SpecError:
         """Return an error that planning raised, with the lines of the keys it names."""
-        return SpecError(error.source, [self.document.placed(m) for m in error.mistakes])
+        return SpecError(error.source, [self.document.locate(m) for m in error.mistakes])
 
 
 def describe_origin(document: Document, text: SourceText) -> dict[str, Any]:

@@ -153,7 +153,8 @@ def _rename(document: Document, path: KeyPath, new: str) -> None:
         holder = holder[segment]
     old, renamed = path[-1], (*path[:-1], new)
     if new in holder:
-        message = f"the old name of `{format_key_path(renamed)}`, which is there, too: expected one of them"
+        new_key = format_key_path(renamed)
+        message = f"the old name of `{new_key}`, which is there, too: expected one of them"
         document.findings.append(Finding(path, message))
         return
     entries = [(new if key == old else key, entry) for key, entry in holder.items()]

@@ -90,7 +90,7 @@ def _build_finding(path: KeyPath, kind: str, value: Any, model: type[SpecModel])
             parent = find_slot(model, path[:-1])
             return Finding(path[:-1], _describe_mismatch(parent, value))
         meaning = f": {slot.meaning}" if slot is not None and slot.meaning else ""
-        expected = slot.expected() if slot is not None else "a value"
+        expected = slot.describe_expected() if slot is not None else "a value"
         return Finding(path, f"missing, expected {expected}{meaning}")
     suggestion = None
     if slot is not None and slot.choices and isinstance(value, str):
@@ -101,7 +101,8 @@ def _build_finding(path: KeyPath, kind: str, value: Any, model: type[SpecModel])
 def _describe_mismatch(slot: Slot | None, value: Any) -> str:
     if slot is None:
         return f"not expected here, got {format_value(value)}"
-    return f"expected {slot.expected()}, got {format_value(value)}{_suggest_remedy(slot, value)}"
+    remedy = _suggest_remedy(slot, value)
+    return f"expected {slot.describe_expected()}, got {format_value(value)}{remedy}"
 
 
 def _suggest_remedy(slot: Slot, value: Any) -> str:

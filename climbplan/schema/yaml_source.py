@@ -143,7 +143,7 @@ class _Builder:
         if isinstance(node, yaml.SequenceNode) and kind == "seq":
             items = []
             for i, item in enumerate(node.value):
-                self._at((*path, i), item)
+                self._record_line((*path, i), item)
                 items.append(self.value(item, (*path, i)))
             return items
         if isinstance(node, yaml.ScalarNode):
@@ -161,7 +161,7 @@ class _Builder:
     def _mapping(self, node: yaml.MappingNode, path: KeyPath) -> dict[str, Any]:
         result: dict[str, Any] = {}
         for key, (key_node, value_node) in self._entries(node, path, len(path)).items():
-            self._at((*path, key), key_node)
+            self._record_line((*path, key), key_node)
             result[key] = self.value(value_node, (*path, key))
         return result
 
@@ -230,7 +230,7 @@ class _Builder:
         self._find(path, f"the YAML tag {_format_tag(node)} is not allowed in a spec")
         return None
 
-    def _at(self, path: KeyPath, node: yaml.Node) -> None:
+    def _record_line(self, path: KeyPath, node: yaml.Node) -> None:
         self.document.lines[path] = node.start_mark.line + 1
 
     def _find(self, path: KeyPath, message: str) -> None:

@@ -12,13 +12,13 @@ from matplotlib.figure import Figure
 
 from climbplan.arrays import Array
 from climbplan.reports.page_parts import Card, encode_data_url
-from climbplan.reports.page_template import fill, build_frame_fields
+from climbplan.reports.page_template import build_frame_fields, fill
 from climbplan.reports.report_files import write_files
 from climbplan.reports.sheet import (
     draw_heading,
-    new_figure,
     draw_panel_title,
     format_plain,
+    new_figure,
     render_png,
 )
 from climbplan.simulation.conditions import Conditions

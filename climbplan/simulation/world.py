@@ -32,6 +32,6 @@ class World:
 
     __hash__ = None  # type: ignore[assignment]  # holds arrays
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Return JSON-ready values."""
         return {f.name: np.asarray(getattr(self, f.name)).tolist() for f in fields(self)}

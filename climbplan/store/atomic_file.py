@@ -12,7 +12,7 @@ from climbplan.errors import UsageError
 
 @contextmanager
 def replace_atomically(path: Path) -> Iterator[Path]:
-    """A path next to `path` to write to; it takes the place of `path` if all goes well.
+    """Yield a path next to `path` to write to, which takes its place if all goes well.
 
     Whatever stops the writing, the file at `path` stays as it was. Raises UsageError if the place
     cannot be written to.

@@ -219,7 +219,7 @@ def _read_instance(reader: Reader, name: str) -> Instance:
 
 
 def _iterate_members(reader: Reader, name: str) -> Iterator[str]:
-    """Yield the members of a group, whose dimensions are their own; none where there is no group."""
+    """Yield the members of a group, whose dimensions are their own; none without a group."""
     if not reader.has(name):
         return
     for member in reader.members(name, _MOST_ROWS):

@@ -15,7 +15,7 @@ _FORMULA = ("=", "+", "-", "@", "\t", "\r")  # how cells begin that spreadsheets
 def write_csv(
     out: Path | TextIO, header: Iterable[str], rows: Iterable[Iterable[str | float]]
 ) -> None:
-    """One header line, then rows whose numbers keep their full precision.
+    """Write one header line, then rows whose numbers keep their full precision.
 
     Raises UsageError if a file at `out` cannot be written.
     """

@@ -115,7 +115,7 @@ class Dataset:
         return replace(self, **arrays, **texts, solution=solution, train=None, test=None)
 
     @classmethod
-    def joined(cls, datasets: Sequence[Self]) -> Self:
+    def join(cls, datasets: Sequence[Self]) -> Self:
         """Return all rows of datasets of one frame, in order; the rest is that of the first.
 
         Raises UsageError if the frames differ.
@@ -124,7 +124,8 @@ class Dataset:
         for dataset in datasets[1:]:
             if dataset.frame != first.frame:
                 raise UsageError(
-                    f"{dataset.name or 'a dataset'}: {describe_frame_difference(first.frame, dataset.frame)}"
+                    f"{dataset.name or 'a dataset'}: "
+                    f"{describe_frame_difference(first.frame, dataset.frame)}"
                 )
         arrays: dict[str, Any] = {
             name: np.concatenate([vars(dataset)[name] for dataset in datasets]) for name in _COLUMNS

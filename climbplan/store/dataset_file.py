@@ -150,7 +150,7 @@ def _read_objective_unit(reader: Reader) -> str:
 
 
 def _require_sound(reader: Reader, data: Dataset) -> None:
-    """There are rows, and those that claim an answer have one."""
+    """Refuse a dataset without rows, or with rows that claim an answer and have none."""
     if not data.count:
         raise reader.refuse("no rows")
     if reader.not_finite:

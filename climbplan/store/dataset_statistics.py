@@ -27,7 +27,7 @@ class Amount:
 
     @classmethod
     def of(cls, values: Array) -> Amount:
-        """Of (K,) values."""
+        """Return the figures of (K,) values."""
         if values.size == 0:
             return cls(math.nan, math.nan, math.nan, math.nan)
         return cls(

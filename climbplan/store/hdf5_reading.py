@@ -82,7 +82,7 @@ _DAMAGE = (OSError, RuntimeError, KeyError, ValueError, TypeError, AttributeErro
 
 @contextmanager
 def open_store(path: Path) -> Iterator[h5py.File]:
-    """An existing HDF5 file.
+    """Open an existing HDF5 file for reading.
 
     Raises PlanFileError for a missing file, a directory, another format or a damaged file.
     """
@@ -345,12 +345,13 @@ class Reader:
         claimed = math.prod(shape) * dtype.itemsize
         if claimed > LARGEST_DATASET or claimed > _LARGEST_RATIO * stored:
             raise self.refuse(
-                f"{name} claims shape {_format_shape(shape)}, but the file holds {stored} bytes of it"
+                f"{name} claims shape {_format_shape(shape)}, but the file holds {stored} bytes "
+                "of it"
             )
         return dataset
 
     def _bind(self, name: str, shape: tuple[int, ...], expected: Sequence[str | int]) -> None:
-        """Dimensions are bound by the first dataset that has them, names say which."""
+        """Bind dimensions at their first use; refuse a shape that contradicts them."""
         fits = len(shape) == len(expected)
         if fits:
             for size, symbol in zip(shape, expected, strict=True):
@@ -366,7 +367,8 @@ class Reader:
             ]
             detail = f" with {', '.join(bound_dimensions)}" if bound_dimensions else ""
             raise self.refuse(
-                f"{name} has shape {_format_shape(shape)}, expected {_format_shape(expected)}{detail}"
+                f"{name} has shape {_format_shape(shape)}, expected "
+                f"{_format_shape(expected)}{detail}"
             )
         for size, symbol in zip(shape, expected, strict=True):
             # "*" stands for any length and is never bound.

@@ -22,7 +22,7 @@ _TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
 
 @contextmanager
 def create_store(path: Path) -> Iterator[h5py.File]:
-    """A new HDF5 file that takes the place of `path` once it is complete.
+    """Create an HDF5 file that takes the place of `path` once it is complete.
 
     Raises UsageError if it cannot be written.
     """
@@ -35,7 +35,7 @@ def create_store(path: Path) -> Iterator[h5py.File]:
 
 @contextmanager
 def update_store(path: Path) -> Iterator[h5py.File]:
-    """An existing HDF5 file to change; it changes whole or not at all, and keeps its mode.
+    """Open an existing HDF5 file to change; it changes whole or not at all, and keeps its mode.
 
     Raises UsageError if it cannot be written.
     """
@@ -60,7 +60,7 @@ def _open_in_memory(content: BytesIO, mode: str) -> h5py.File:
 def write_dataset(
     group: h5py.Group, name: str, value: Any, layout: Layout, compressed: bool = False
 ) -> None:
-    """One array or a sequence of texts; compressed: numbers by deflate."""
+    """Write one array or a sequence of texts; compressed: numbers by deflate."""
     if layout.kind == "text":
         dataset = group.create_dataset(name, (len(value),), dtype=_TEXT)
         if len(value):
@@ -83,7 +83,7 @@ def write_datasets(
     compressed: bool = False,
     optional: bool = False,
 ) -> None:
-    """All datasets of a declared layout; names may have groups in them ("reference/velocity").
+    """Write all datasets of a declared layout; names may have groups ("reference/velocity").
 
     values: at least those that `layouts` names; optional: those that are None are left out.
     """
@@ -96,10 +96,10 @@ def write_datasets(
 
 
 def write_text(holder: h5py.HLObject, name: str, text: str) -> None:
-    """A UTF-8 attribute of any length."""
+    """Write a UTF-8 attribute of any length."""
     holder.attrs.create(name, text, dtype=_TEXT)
 
 
 def write_json(holder: h5py.HLObject, name: str, value: Any) -> None:
-    """An attribute that holds JSON text."""
+    """Write an attribute that holds JSON text."""
     write_text(holder, name, json.dumps(value, ensure_ascii=False, allow_nan=False))

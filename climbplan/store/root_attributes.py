@@ -98,7 +98,7 @@ def write_header(
     numbers: Mapping[str, float | None],
     objects: Mapping[str, Any] | None = None,
 ) -> None:
-    """As `write_root`, and what is in all plans besides."""
+    """Write the root attributes of a plan: those of `write_root`, its run and its messages."""
     run_facts = {name: dict(vars(plan)[name]) for name in ("timings", "solvers", "sizes")}
     write_root(
         file,

@@ -66,7 +66,7 @@ def _iterate_checks(certified: CertifiedRows, problem: Problem | None) -> Iterat
 
 
 def _compute_overclaim(row: CertifiedRow, verdict: Verdict) -> float:
-    """By how much the claim is more than what is proved, relative."""
+    """Return by how much the claim exceeds what is proved, relative."""
     claimed = row.certificate.bound
     if np.isnan(claimed):
         return np.inf
@@ -76,7 +76,7 @@ def _compute_overclaim(row: CertifiedRow, verdict: Verdict) -> float:
 
 
 def _compute_gap(row: CertifiedRow, verdict: Verdict) -> float:
-    """Between the answer and what is proved."""
+    """Return the relative gap between the answer and what is proved."""
     if row.x is None:
         return np.inf
     return relative_gap(row.instance.objective(row.x), verdict.bound)

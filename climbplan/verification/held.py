@@ -58,7 +58,7 @@ def describe_reference(plan: Carries, user_spec: HeldSpec | None) -> Against:
 
 
 def check_spec_differences(user_spec: HeldSpec) -> Check:
-    """No key differs that the plan's other checks do not judge anew."""
+    """Check that no key differs that the plan's other checks do not evaluate."""
     broken = user_spec.broken
     place = str(broken[0]) if broken else ""
     return Check("spec.held", float(len(broken)), 0.0, "", not broken, "", place)

@@ -22,7 +22,7 @@ from climbplan.schema.yaml_source import parse_yaml
 from climbplan.solvers.result import relative_gap
 from climbplan.store.program_plan import Layouts, ProgramPlan
 from climbplan.verification.check import Check, LeftOut
-from climbplan.verification.held import describe_reference, check_spec_differences
+from climbplan.verification.held import check_spec_differences, describe_reference
 from climbplan.verification.verification import Verification
 
 _OBJECTIVE = 1e-6  # relative
@@ -31,7 +31,7 @@ _NO_BLOCKS = LeftOut("file alone", "the problem's blocks are not looked at witho
 
 
 def verify_file(plan: ProgramPlan, user_spec: HeldSpec | None = None) -> Verification:
-    """Return what the file says about itself: no statement is needed, and so no block is looked at."""
+    """Verify the file by itself; no block is evaluated, because that needs the statement."""
     checks = tuple(_check_file(plan, user_spec))
     return Verification(checks, beyond=(_NO_BLOCKS,), against=describe_reference(plan, user_spec))
 

@@ -81,7 +81,7 @@ class Verification:
 
     @property
     def badge(self) -> str:
-        """Return what can be said of the plan: "verified", "verified in its model (...)", or not."""
+        """The badge of the plan: "verified", "verified in its model (...)", or "not verified"."""
         if not self.passed:
             return "not verified"
         if not self.model:

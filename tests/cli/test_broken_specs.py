@@ -12,7 +12,7 @@ import h5py
 import pytest
 from command_line import RunCommand
 
-from climbplan.schema.examples import example_text
+from climbplan.schema.examples import read_example
 
 # (what stands in the good spec, what breaks it, text on the line at fault, what is said)
 BROKEN = {
@@ -136,7 +136,7 @@ def test_broken_spec(run_command: RunCommand, workplace: Path, small_climb: str,
 
 
 def robot_text(old: str, new: str) -> str:
-    text = example_text("silvia")
+    text = read_example("silvia")
     assert old in text
     return text.replace(old, new, 1)
 

@@ -227,7 +227,7 @@ def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         stand_in = types.ModuleType(module)
         stand_in.__dict__.update(members)
         monkeypatch.setitem(sys.modules, module, stand_in)
-    monkeypatch.setattr(verification, "stored_differences", lambda path, found: ())
+    monkeypatch.setattr(verification, "find_stored_differences", lambda path, found: ())
     directory = workplace / "outputs"
     (directory / "figures").mkdir(parents=True)
     (directory / "figures" / "old.png").write_text("old")

@@ -14,7 +14,7 @@ from command_line import RunCommand
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
-from climbplan.schema.robots.source import robot_text
+from climbplan.schema.robots.source import read_robot_text
 from climbplan.schema.yaml_source import parse_yaml, write_yaml
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -31,7 +31,7 @@ def own(tmp_path_factory: pytest.TempPathFactory) -> Path:
     value["robot"] = "../robots/climber.yaml"
     for name in ("specs", "robots"):
         (place / name).mkdir()
-    (place / "robots" / "climber.yaml").write_text(robot_text("silvia"), encoding="utf-8")
+    (place / "robots" / "climber.yaml").write_text(read_robot_text("silvia"), encoding="utf-8")
     path = place / "specs" / "own.yaml"
     path.write_text(write_yaml(value), encoding="utf-8")
     return path
@@ -146,11 +146,16 @@ def test_joint_bounds_widened_with_the_carried_file_are_caught(
 def test_what_the_planner_chose_is_no_difference_that_counts(
     run_command: RunCommand, own: Path, made: Make
 ) -> None:
-    plan = made("trajectory.lift=0.04")
+    plan = made("trajectory.swing_clearance=0.04")
     done = run_command("verify", str(plan), "--spec", str(own))
     assert done.code == 0, done.out
-    assert "trajectory.lift: plan's spec 0.04, yours 0.05 (left out: the planner's" in done.out
-    written = run_command("verify", str(plan), "--spec", str(own), "-s", "trajectory.lift=0.05")
+    assert (
+        "trajectory.swing_clearance: plan's spec 0.04, yours 0.05 (left out: the planner's"
+        in done.out
+    )
+    written = run_command(
+        "verify", str(plan), "--spec", str(own), "-s", "trajectory.swing_clearance=0.05"
+    )
     assert written.code == 5
 
 

@@ -20,7 +20,7 @@ from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import NoPlanFound
-from climbplan.schema.examples import example_data
+from climbplan.schema.examples import read_example_data
 
 SPEC = """
 kind: climb
@@ -43,7 +43,7 @@ force: {safety_friction: 1.2}
 def _spec(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("ground")
     (folder / "ground.yaml").write_text(SPEC)
-    for name, content in example_data("climb_walker").items():
+    for name, content in read_example_data("climb_walker").items():
         (folder / name).write_bytes(content)
     return folder / "ground.yaml"
 

@@ -38,15 +38,15 @@ from climbplan.exports.gains import read_gains
 from climbplan.robots.kinematics import inverse, joint_points_body, to_body, toe_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.schema.examples import example_data, example_text
+from climbplan.schema.examples import read_example, read_example_data
 from climbplan.simulation.conditions import NOMINAL, Conditions
 
 ROUND = ["task.rounds=1", "task.goal.com=[0,0,0.12]"]
 
 
 def planned(name: str, folder: Path, urdf: Callable[[str], str] = lambda text: text) -> ClimbPlan:
-    (folder / "climb.yaml").write_text(example_text(name))
-    for file, content in example_data(name).items():
+    (folder / "climb.yaml").write_text(read_example(name))
+    for file, content in read_example_data(name).items():
         (folder / file).write_bytes(content)
         if file.endswith(".urdf"):
             (folder / file).write_text(urdf(content.decode()))

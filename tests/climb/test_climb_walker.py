@@ -24,10 +24,10 @@ from climbplan.climb.planner.start_from_plan import resolve_start_plan
 from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
 from climbplan.exports.formats import ControllerOptions, adapt_motion
-from climbplan.exports.sidecar import facts_of
+from climbplan.exports.sidecar import collect_facts
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.schema.examples import example_data, example_text
+from climbplan.schema.examples import read_example, read_example_data
 from climbplan.verification.verification import mark_verified
 
 ROOT = Path(__file__).parents[2]
@@ -37,8 +37,8 @@ PAGE = ROOT / "climbplan" / "robots" / "README.md"
 @pytest.fixture(scope="module", name="plan")
 def _plan(tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
     folder = tmp_path_factory.mktemp("walker")
-    (folder / "climb.yaml").write_text(example_text("climb_walker"))
-    for name, content in example_data("climb_walker").items():
+    (folder / "climb.yaml").write_text(read_example("climb_walker"))
+    for name, content in read_example_data("climb_walker").items():
         (folder / name).write_bytes(content)
     plan = plan_climb(
         load_climb(folder / "climb.yaml", ["task.rounds=1", "task.goal.com=[0,0,0.12]"])
@@ -104,7 +104,7 @@ def test_gains_of_rigid_simulators(stored: Path) -> None:
     own, joints = planned.joints, rigid.joints
     assert own is not None
     assert joints is not None
-    share = facts_of(planned)["structural_compliance_share"]
+    share = collect_facts(planned)["structural_compliance_share"]
     assert share == 0.3
     assert joints.gain == pytest.approx(own.gain * (1 - 0.3))
     assert joints.command == pytest.approx(own.command, abs=1e-12)
@@ -191,8 +191,8 @@ def test_the_pages_example_plans_a_robot_of_ones_own(tmp_path: Path) -> None:
 
 def test_going_on_where_a_walker_stands(stored: Path, plan: ClimbPlan, tmp_path: Path) -> None:
     """Another robot with the same limbs' names and lengths is refused."""
-    (tmp_path / "climb.yaml").write_text(example_text("climb_walker"))
-    for name, content in example_data("climb_walker").items():
+    (tmp_path / "climb.yaml").write_text(read_example("climb_walker"))
+    for name, content in read_example_data("climb_walker").items():
         (tmp_path / name).write_bytes(content)
     on = ["task.rounds=1", "task.goal.com=[0,0,0.2]", f"task.start={{plan: {stored}}}"]
     marked = Path(shutil.copy(stored, tmp_path / "verified.h5"))

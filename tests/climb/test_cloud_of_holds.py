@@ -16,7 +16,7 @@ from climbplan.scan.holds import Grasping, find_wall_holds
 from climbplan.scan.panel import build_panel
 from climbplan.scan.reading import read_scan
 from climbplan.scan.study import build_scan_spec
-from climbplan.schema.robots.source import robot_text
+from climbplan.schema.robots.source import read_robot_text
 
 ACROSS = (-0.18, 0.18)  # [m] where the scanned patch, smaller than a stance, is repeated
 UP = -0.45 + 0.19 * np.arange(6)
@@ -49,7 +49,7 @@ def repeated() -> dict[str, Any]:
 
 def climb(folder: Path, friction: float, safety: float) -> Path:
     """The spec of a climb, and beside it the robot with wider grippers."""
-    own = robot_text("scaler")
+    own = read_robot_text("scaler")
     assert "finger_span: 0.05" in own
     (folder / "wide.yaml").write_text(own.replace("finger_span: 0.05", f"finger_span: {OPENING}"))
     panel = repeated()

@@ -151,7 +151,7 @@ def test_a_missing_moment_is_shared_by_parts_that_press() -> None:
     np.testing.assert_allclose(change.sum(axis=1), 0.0, atol=1e-12)
     np.testing.assert_allclose(moment.sum(axis=1), off, atol=1e-12)
     assert not change[0, 3].any()
-    assert not shared.packed[0, 3].any()
+    assert not shared.packed_array[0, 3].any()
     axis = grippers.axis[region]
     parts = split_into_parts(more, shared.grip, shared.moment, shared.palm, axis, gripper.finger_span)
     cones = grip_cones(normal, axis, undercut[region], np.full((1, 4), 0.5), np.full((1, 4), 4.0))

@@ -15,7 +15,7 @@ from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.schema.robots.source import robot_text
+from climbplan.schema.robots.source import read_robot_text
 
 Data = dict[str, Any]
 
@@ -68,7 +68,7 @@ def turned(data: Data, yaw: float) -> Data:
 
 def scaled(data: Data, factor: float, folder: Path) -> Data:
     """The same task with every length multiplied; torque limits and stiffness follow."""
-    robot: Data = yaml.safe_load(robot_text("silvia"))
+    robot: Data = yaml.safe_load(read_robot_text("silvia"))
     robot["body_half_size"] = [factor * v for v in robot["body_half_size"]]
     robot["limb_radius"] *= factor
     robot["workspace"] = {k: factor * v for k, v in robot["workspace"].items()}

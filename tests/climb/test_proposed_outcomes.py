@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from climbplan.climb.plan.world_sample import WorldSample, wilson_interval
+from climbplan.climb.plan.world_sample import WorldSample, compute_wilson_interval
 from climbplan.climb.proposed.outcome import Outcome
 
 
@@ -35,7 +35,7 @@ def outcome(share: float, falls: int | None, **other: Any) -> Outcome:
     plan: Any = SimpleNamespace(forces=SimpleNamespace(margin_share=np.array([share]), notes=()))
     sample = None
     if falls is not None:
-        lower, upper = wilson_interval(100 - falls, 100)
+        lower, upper = compute_wilson_interval(100 - falls, 100)
         sample = WorldSample("statics", 0, 100, falls, lower, upper, {}, ("30: a toe slides",))
     return Outcome("climbs", plan, "", sample=sample, **other)
 

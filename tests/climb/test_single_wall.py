@@ -14,7 +14,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
-from climbplan.errors import NotProved, UsageError
+from climbplan.errors import Unresolved, UsageError
 from climbplan.verification.check import GRIP_LIMITS, LIMITS
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -42,7 +42,7 @@ def test_the_plan_holds_from_its_file_alone(file: Path, climb: ClimbPlan) -> Non
     assert climb.grips is not None
     assert again.grips is not None
     np.testing.assert_array_equal(again.grips.pull_margin, climb.grips.pull_margin)
-    np.testing.assert_array_equal(again.grips.trajectory.packed, climb.grips.trajectory.packed)
+    np.testing.assert_array_equal(again.grips.trajectory.packed_array, climb.grips.trajectory.packed_array)
 
 
 def test_upper_grips_pull_and_hold_more(climb: ClimbPlan) -> None:
@@ -70,7 +70,7 @@ def test_upside_down_and_with_payload(spec: Path, changes: list[str], tmp_path: 
 
 @pytest.mark.slow
 def test_open_grippers_lack_pull() -> None:
-    with pytest.raises(NotProved) as caught:
+    with pytest.raises(Unresolved) as caught:
         plan_climb(load_climb(WALL, ["gripper.max_force=0", *SHORT]))
     text = str(caught.value)
     assert "8 of 8 instants have no admissible grips" in text
@@ -84,7 +84,7 @@ def test_open_grippers_lack_pull() -> None:
     # The least gripping force that is said to do, does.
     needed = float(text.split("gripping force >= ")[1].split(" N")[0])
     plan_climb(load_climb(WALL, [f"gripper.max_force={needed}", *SHORT]))
-    with pytest.raises(NotProved):
+    with pytest.raises(Unresolved):
         plan_climb(load_climb(WALL, [f"gripper.max_force={0.97 * needed}", *SHORT]))
 
 
@@ -98,7 +98,7 @@ def test_flat_wall_cannot_be_gripped() -> None:
         update={"panel": panel.model_copy(update={"holds": holds})}
     )
     spec = loaded.spec.model_copy(update={"terrain": flat})
-    with pytest.raises(NotProved, match="pull towards the surface is missing"):
+    with pytest.raises(Unresolved, match="pull towards the surface is missing"):
         plan_climb(replace(loaded, spec=spec))
 
 

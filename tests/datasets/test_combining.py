@@ -14,16 +14,16 @@ import pytest
 from toy_rows import FRAME, ToyRows
 
 from climbplan.datasets.combining import merge, split
-from climbplan.datasets.exports.table import columns, export_parquet, write_table
+from climbplan.datasets.exports.table import build_columns, export_parquet, write_table
 from climbplan.datasets.work import make_row
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.store.dataset import Dataset
-from climbplan.store.dataset_row import dataset_of
+from climbplan.store.dataset_row import build_dataset
 
 
 def made(seed: int, count: int = 20) -> Dataset:
     rows = [make_row(ToyRows(), seed, k) for k in range(count)]
-    return replace(dataset_of(FRAME, rows), name=f"seed {seed}", verified=True)
+    return replace(build_dataset(FRAME, rows), name=f"seed {seed}", verified=True)
 
 
 def test_merge_of_different_seeds() -> None:
@@ -51,7 +51,7 @@ def test_another_problem_is_refused() -> None:
 
 
 def test_splits_share_no_problem() -> None:
-    data = Dataset.joined([made(1), made(2), made(1)])
+    data = Dataset.join([made(1), made(2), made(1)])
     parameters = data.parameters.copy()
     parameters[3] = np.nan
     data = replace(data, parameters=parameters)
@@ -99,7 +99,7 @@ def test_parquet_holds_the_same_table(tmp_path: Path) -> None:
     data = made(1)
     export_parquet(data, tmp_path / "data.parquet")
     table = parquet.read_table(tmp_path / "data.parquet")
-    assert table.column_names == list(columns(data))
+    assert table.column_names == list(build_columns(data))
     np.testing.assert_array_equal(table["parameters.b"].to_numpy(), data.parameters[:, 1])
     assert table["status"].to_pylist() == list(data.status)
     assert table.schema.field("time").metadata[b"units"] == b"s"

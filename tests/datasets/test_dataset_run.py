@@ -21,7 +21,7 @@ from climbplan.datasets.work import make_row, make_rows
 from climbplan.errors import UsageError
 from climbplan.store import atomic_file
 from climbplan.store.dataset import Dataset
-from climbplan.store.dataset_row import child_seed, dataset_of
+from climbplan.store.dataset_row import build_dataset, derive_seed
 
 COUNT = 40
 
@@ -64,7 +64,7 @@ def store(directory: Path, size: int = 7, count: int = COUNT) -> ShardStore:
 
 
 def expected() -> Dataset:
-    return dataset_of(FRAME, [make_row(ToyRows(), 3, k) for k in range(COUNT)])
+    return build_dataset(FRAME, [make_row(ToyRows(), 3, k) for k in range(COUNT)])
 
 
 def assert_same(found: Dataset, wanted: Dataset, but: tuple[int, ...] = ()) -> None:
@@ -81,11 +81,11 @@ def assert_same(found: Dataset, wanted: Dataset, but: tuple[int, ...] = ()) -> N
 
 
 def test_seeds_are_those_of_the_rows() -> None:
-    seeds = [child_seed(3, k) for k in range(1000)]
+    seeds = [derive_seed(3, k) for k in range(1000)]
     assert len(set(seeds)) == 1000
     assert all(0 <= seed < 2**63 for seed in seeds)
-    assert child_seed(3, 999) == seeds[999]
-    assert child_seed(4, 0) != seeds[0]
+    assert derive_seed(3, 999) == seeds[999]
+    assert derive_seed(4, 0) != seeds[0]
 
 
 @pytest.mark.parametrize(("width", "size"), [(1, 7), (3, 7), (5, 1), (2, 100)])

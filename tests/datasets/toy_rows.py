@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.datasets.recipe import Recipe
-from climbplan.store.dataset import DatasetFrame, solution_layout
+from climbplan.store.dataset import DatasetFrame, build_solution_layout
 from climbplan.store.dataset_row import RowAnswer
 
 FRAME = DatasetFrame(
@@ -23,7 +23,7 @@ FRAME = DatasetFrame(
     facts={"size": 2},
     parameter_names=("a", "b"),
     integer_names=("sign",),
-    layouts={"x": solution_layout((2,), "m")},
+    layouts={"x": build_solution_layout((2,), "m")},
 )
 
 
@@ -55,8 +55,8 @@ class ToyRows:
         what = self.trouble.get(stage)
         if what is None or drawn[0] >= self.below:
             return
-        if self.compute_once:
-            mark = Path(self.compute_once, f"{drawn[0]!r}")
+        if self.once:
+            mark = Path(self.once, f"{drawn[0]!r}")
             if mark.exists():
                 return
             mark.touch()

@@ -30,7 +30,7 @@ from climbplan.climb.simulation.replay import Run, simulate
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions
-from climbplan.simulation.motors import rotor_inertia
+from climbplan.simulation.motors import compute_rotor_inertia
 
 SPECS = Path(__file__).parents[2] / "specs"
 SETTLE = 1.0  # [s] at the first commands
@@ -92,7 +92,9 @@ class Machine:
         structure = joint_softness(robot) - 1 / robot.joint_stiffness  # [rad/(N m)]
         behind = 1 + (p * structure).ravel()
         p = p.ravel()
-        d = 2 * np.sqrt(p / behind * rotor_inertia(robot, NOMINAL).ravel())  # what such motors need
+        d = 2 * np.sqrt(
+            p / behind * compute_rotor_inertia(robot, NOMINAL).ravel()
+        )  # what such motors need
         for k in range(round((SETTLE + self.plan.trajectory.time[-1]) / TIME_STEP)):
             time = max(k * TIME_STEP - SETTLE, 0.0)
             link = self.data.qpos[self.position]

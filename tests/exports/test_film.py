@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from climbplan.api.kinds import plan_kind
+from climbplan.api.kinds import identify_kind
 from climbplan.cli.app import run
 from climbplan.errors import MissingSolver, UsageError
-from climbplan.exports.film import LONGEST, film_times, write_film
+from climbplan.exports.film import LONGEST, schedule_frames, write_film
 from climbplan.exports.film_frames import HEIGHT, WIDTH, Frames
 from climbplan.reports.viewer.scene import Scene
 
@@ -23,7 +23,7 @@ WALL = 255 - 60  # [0 ... 255] what is darker is no sky
 
 @pytest.fixture(scope="module")
 def scenes(plans: dict[str, Path]) -> dict[str, Scene]:
-    found = {name: plan_kind(path).scene(path) for name, path in plans.items()}
+    found = {name: identify_kind(path).read_scene(path) for name, path in plans.items()}
     try:
         Frames(found["walk"]).__exit__(None, None, None)
     except MissingSolver as error:
@@ -33,7 +33,7 @@ def scenes(plans: dict[str, Path]) -> dict[str, Scene]:
 
 def test_long_spans_are_played_faster_and_short_ones_are_not() -> None:
     ends, rate = np.array([0.0, 40.0]), 25.0
-    times = film_times(ends, np.array([37.5, 38.5]), rate)
+    times = schedule_frames(ends, np.array([37.5, 38.5]), rate)
     assert len(times) == pytest.approx(LONGEST * rate, abs=1)
     assert times[0] == 0.0
     assert times[-1] == 40.0
@@ -42,16 +42,16 @@ def test_long_spans_are_played_faster_and_short_ones_are_not() -> None:
     assert step[times[:-1] > 37.6] == pytest.approx(1 / rate, rel=0.02)  # as time goes by
     assert step[times[1:] < 37.4] == pytest.approx(37.5 / (LONGEST - 2.5) / rate, rel=0.02)
     # A short plan takes what it takes, marks or not
-    assert np.diff(film_times(np.array([1.0, 3.0]), np.array([1.5, 9.0]), rate)) == pytest.approx(
-        1 / rate, rel=0.03
-    )
+    assert np.diff(
+        schedule_frames(np.array([1.0, 3.0]), np.array([1.5, 9.0]), rate)
+    ) == pytest.approx(1 / rate, rel=0.03)
 
 
 @pytest.mark.parametrize("name", ["climb", "walk", "modules"])
 def test_pictures_show_what_moves(scenes: dict[str, Scene], name: str) -> None:
     scene = scenes[name]
     with Frames(scene, "verified") as frames:
-        first, last, again = (frames.at(scene.time[k]) for k in (0, -1, 0))
+        first, last, again = (frames.render_at(scene.time[k]) for k in (0, -1, 0))
     assert first.shape == (HEIGHT, WIDTH, 3)
     assert np.array_equal(first, again)  # a picture says its time, not what was drawn before
     inner = slice(100, HEIGHT - 60)
@@ -69,7 +69,7 @@ def test_a_front_wall_hides_nothing(scenes: dict[str, Scene]) -> None:
     away = 5.0 * np.array([np.cos(toward), np.sin(toward), 0.0])
     black = replace(front, vertices=front.vertices + away, color="#000000", opacity=1.0)
     with Frames(scene) as one, Frames(replace(scene, shapes=(*scene.shapes, black))) as two:
-        assert np.array_equal(one.at(0.0), two.at(0.0))
+        assert np.array_equal(one.render_at(0.0), two.render_at(0.0))
 
 
 def test_a_gif_and_its_still(

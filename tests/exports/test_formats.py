@@ -17,7 +17,7 @@ from climbplan.climb.exports.motion import read_motion as climb_motion
 from climbplan.errors import UsageError
 from climbplan.exports.formats import FORMATS, ControllerOptions, adapt_motion
 from climbplan.exports.motion import RobotMotion
-from climbplan.exports.ros_messages import contact_topics
+from climbplan.exports.ros_messages import name_contact_topics
 from climbplan.limms.exports.motion import read_motion as limms_motion
 from climbplan.walking.exports.motion import read_motion as walk_motion
 
@@ -89,7 +89,7 @@ def test_mcap(plans: dict[str, Path], tmp_path: Path, kind: str) -> None:
 
 def test_topics_are_such_as_ros_takes() -> None:
     names = ("RF", "left foot", "left_foot", "1", "é")
-    topics = contact_topics(names)
+    topics = name_contact_topics(names)
     assert topics[:2] == ("/contacts/RF", "/contacts/left_foot")
     assert len(set(topics)) == len(names)
     assert all(re.fullmatch(r"/contacts/[A-Za-z0-9_]+", topic) for topic in topics)
@@ -116,7 +116,9 @@ def test_bag_of_ros_2(plans: dict[str, Path], tmp_path: Path) -> None:
 
 
 def test_controller(plans: dict[str, Path], tmp_path: Path) -> None:
-    motion = adapt_motion(build_motion(plans, "climb"), ControllerOptions(rate=10.0, gains="80", feedforward=True))
+    motion = adapt_motion(
+        build_motion(plans, "climb"), ControllerOptions(rate=10.0, gains="80", feedforward=True)
+    )
     assert motion.joints is not None
     FORMATS["jtc"].write(motion, tmp_path)
     controllers = (tmp_path / "controllers.yaml").read_text(encoding="utf-8")

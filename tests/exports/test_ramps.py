@@ -17,10 +17,10 @@ from climbplan.exports.formats import (
     FORMATS,
     ControllerOptions,
     adapt_motion,
-    default_for_trajectory_controller,
+    apply_trajectory_controller_defaults,
 )
-from climbplan.exports.sampling import with_ramps
-from climbplan.exports.sidecar import facts_of
+from climbplan.exports.sampling import add_load_ramps
+from climbplan.exports.sidecar import collect_facts
 from climbplan.limms.check.loads import compute_loads
 from climbplan.limms.exports.motion import GROUND, NO_ANCHOR
 from climbplan.limms.exports.motion import read_motion as limms_motion
@@ -32,7 +32,7 @@ from climbplan.walking.exports.motion import read_motion as walk_motion
 def test_a_ramp_takes_load_and_gives_it_up(plans: dict[str, Path]) -> None:
     rate, ramp = 200.0, 1.5
     plan = adapt_motion(climb_motion(plans["climb"]), ControllerOptions(rate=rate))
-    motion = with_ramps(plan, ramp)
+    motion = add_load_ramps(plan, ramp)
     joints, own, contacts = motion.joints, plan.joints, motion.contacts
     assert joints is not None
     assert own is not None
@@ -68,7 +68,7 @@ def test_ramps_that_cannot_be(plans: dict[str, Path]) -> None:
 
 def test_controllers_on_torques_are_fast_and_damped(plans: dict[str, Path], tmp_path: Path) -> None:
     motion = climb_motion(plans["climb"])
-    how = default_for_trajectory_controller(motion, ControllerOptions(rate=20.0))
+    how = apply_trajectory_controller_defaults(motion, ControllerOptions(rate=20.0))
     assert (how.gravity, how.ramp) == (True, 3.0)
     FORMATS["jtc"].write(adapt_motion(motion, how), tmp_path)
     stored = yaml.safe_load((tmp_path / "controllers.yaml").read_text(encoding="utf-8"))
@@ -108,7 +108,7 @@ def test_sidecars_say_what_samples_mean(plans: dict[str, Path], tmp_path: Path) 
 
 def test_modules_know_when_to_latch(plans: dict[str, Path]) -> None:
     plan, motion = read_limms_plan(plans["modules"]), limms_motion(plans["modules"])
-    latches, facts = motion.latches, facts_of(motion)
+    latches, facts = motion.latches, collect_facts(motion)
     assert latches is not None
     held = latches.anchor.reshape(len(motion.time), -1, 2)
     last = np.append(np.diff(plan.motion.time) > 1e-9, True)
@@ -137,5 +137,5 @@ def test_torques_of_modules_are_those_that_the_checker_finds(plans: dict[str, Pa
     largest = max(np.abs(loads.torque).max() for loads in compute_loads(plan, module))
     most = np.abs(motion.joints.torque).max()
     assert 0.5 * largest < most <= largest
-    links = facts_of(motion)["module"]["links"]  # type: ignore[index]
+    links = collect_facts(motion)["module"]["links"]  # type: ignore[index]
     assert sum(link["mass"] for link in links) == pytest.approx(module.mass)

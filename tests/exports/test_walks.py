@@ -12,7 +12,7 @@ from walking_urdf import WALK, write_robot
 
 from climbplan.exports.formats import ControllerOptions, adapt_motion
 from climbplan.exports.motion import JointMotion, RobotMotion
-from climbplan.exports.sidecar import facts_of
+from climbplan.exports.sidecar import collect_facts
 from climbplan.walking.check.verification import verify
 from climbplan.walking.exports.motion import NO_JOINTS
 from climbplan.walking.exports.motion import read_motion as walk_motion
@@ -77,7 +77,10 @@ def test_rates_too_slow_for_changes_of_force_are_told(plans: dict[str, Path]) ->
 
 
 def test_toes_stand_still_on_the_floor_until_they_lift(walk: Path) -> None:
-    plan, motion = read_walk_plan(walk), adapt_motion(walk_motion(walk), ControllerOptions(rate=500.0))
+    plan, motion = (
+        read_walk_plan(walk),
+        adapt_motion(walk_motion(walk), ControllerOptions(rate=500.0)),
+    )
     contacts = motion.contacts
     assert contacts is not None
     stays = contacts.touching[1:] & contacts.touching[:-1]
@@ -90,7 +93,10 @@ def test_toes_stand_still_on_the_floor_until_they_lift(walk: Path) -> None:
 
 
 def test_joints_put_feet_where_the_plan_has_them(walk: Path) -> None:
-    plan, motion = read_walk_plan(walk), adapt_motion(walk_motion(walk), ControllerOptions(rate=250.0))
+    plan, motion = (
+        read_walk_plan(walk),
+        adapt_motion(walk_motion(walk), ControllerOptions(rate=250.0)),
+    )
     played, contacts = Played(motion, plan.robot_urdf), motion.contacts
     assert contacts is not None
     import pinocchio as pin
@@ -98,7 +104,7 @@ def test_joints_put_feet_where_the_plan_has_them(walk: Path) -> None:
     for k in range(0, len(motion.time), 7):
         q = played.configuration(k, joints(motion).angle)
         pin.framesForwardKinematics(played.model, played.data, q)
-        for c, contact in enumerate(facts_of(motion)["contacts"]):  # type: ignore[arg-type]
+        for c, contact in enumerate(collect_facts(motion)["contacts"]):  # type: ignore[arg-type]
             _, toe = played.toe(contact)
             assert toe == pytest.approx(contacts.point[k, c] + [0, 0, FOOT], abs=1e-6)
 
@@ -113,7 +119,9 @@ def test_velocities_accelerations_and_torques_are_those_of_the_motion(walk: Path
     scale = np.abs(own.acceleration).max()
     assert np.median(np.abs(faster - own.acceleration[1:-1])) < 1e-3 * scale
     assert np.array_equal(own.feedforward, own.torque)
-    stiff = joints(adapt_motion(walk_motion(walk), ControllerOptions(rate=1000.0, gains="80", gravity=True)))
+    stiff = joints(
+        adapt_motion(walk_motion(walk), ControllerOptions(rate=1000.0, gains="80", gravity=True))
+    )
     assert (stiff.gain == 80.0).all()
     assert np.array_equal(stiff.command, own.command)
     assert stiff.effort == pytest.approx(own.torque + own.gravity)

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.limms.pages.scene import read_scene as limms_scene
 from climbplan.limms.plan.limms_plan import LimmsPlan
-from climbplan.reports.viewer.scene import between
+from climbplan.reports.viewer.scene import interpolate
 
 
 def test_links_and_box_follow_the_motion(throw: LimmsPlan, throw_file: Path) -> None:
@@ -19,11 +19,11 @@ def test_links_and_box_follow_the_motion(throw: LimmsPlan, throw_file: Path) -> 
     inside = np.flatnonzero(np.diff(motion.time, append=np.inf) > 0)
     for k in inside[:: max(len(inside) // 40, 1)]:
         now = scene.moment(float(motion.time[k]))
-        links = between(scene.rods.ends, now).reshape(1, 7, 2, 3)
+        links = interpolate(scene.rods.ends, now).reshape(1, 7, 2, 3)
         np.testing.assert_allclose(links[:, :, 0], motion.joint_position[k][:, :-1], atol=3e-3)
         np.testing.assert_allclose(links[:, :, 1], motion.joint_position[k][:, 1:], atol=3e-3)
         np.testing.assert_allclose(
-            between(scene.boxes.center, now), motion.box_position[k], atol=3e-3
+            interpolate(scene.boxes.center, now), motion.box_position[k], atol=3e-3
         )
     names = {shape.name for shape in scene.shapes}
     assert {"goal", *throw.anchor_names[4:]} <= names

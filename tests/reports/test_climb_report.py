@@ -14,7 +14,7 @@ import pytest
 import yaml
 
 from climbplan.climb.check.verification import verify
-from climbplan.climb.pages.figures import UNITS, key_figures
+from climbplan.climb.pages.figures import UNITS, compute_key_figures
 from climbplan.climb.pages.report import report_dict, write_report
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.climb.plan.file import write_climb
@@ -91,7 +91,7 @@ def test_verification_is_made_anew(written: tuple[ClimbPlan, Path]) -> None:
 
 def test_key_figures_are_those_of_the_plan(make_plan: MakePlan, study: Study) -> None:
     plan = make_plan(6, 4, study=study)
-    figures = key_figures(plan)
+    figures = compute_key_figures(plan)
     assert figures["climb"]["rounds"] == 4
     assert figures["climb"]["instants"] == 48
     assert figures["climb"]["height"] == pytest.approx(0.4)
@@ -124,7 +124,7 @@ def test_key_figures_are_those_of_the_plan(make_plan: MakePlan, study: Study) ->
 
 def test_units_name_keys_that_are_there(make_plan: MakePlan) -> None:
     plan = make_plan(6, 1)
-    figures = {**key_figures(plan), "timings": plan.timings}
+    figures = {**compute_key_figures(plan), "timings": plan.timings}
     for key, unit in UNITS.items():
         assert unit
         here: Any = figures
@@ -182,10 +182,10 @@ def test_a_spec_of_another_version_only_leaves_gaps(make_plan: MakePlan) -> None
     plan = make_plan(6, 1)
     document = yaml.safe_load(plan.spec_text)
     document["from_the_future"] = 1
-    figures = key_figures(replace(plan, spec_text=yaml.safe_dump(document)))
+    figures = compute_key_figures(replace(plan, spec_text=yaml.safe_dump(document)))
     assert figures["load"]["payload"] is None
     assert figures["climb"]["height"] == pytest.approx(0.1)
-    assert key_figures(replace(plan, spec_text="{"))["load"]["payload"] is None
+    assert compute_key_figures(replace(plan, spec_text="{"))["load"]["payload"] is None
 
 
 def test_mistakes_have_named_errors(make_plan: MakePlan, tmp_path: Path) -> None:

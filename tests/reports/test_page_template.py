@@ -9,9 +9,14 @@ import pytest
 from jinja2 import UndefinedError
 
 from climbplan.reports import page_template
-from climbplan.reports.page_parts import Card, Table, check_rows
-from climbplan.reports.page_template import fill, frame_fields, run_fields, verification_fields
-from climbplan.reports.unit_words import written
+from climbplan.reports.page_parts import Card, Table, build_check_rows
+from climbplan.reports.page_template import (
+    build_frame_fields,
+    build_run_fields,
+    build_verification_fields,
+    fill,
+)
+from climbplan.reports.unit_words import format_units
 
 HOSTILE = "<b onclick='x'>{{ 7 * 7 }}</b>"
 PAGES = Path(page_template.__file__).parent / "page"
@@ -49,9 +54,9 @@ def page(template: str = "dataset.html", **more: Any) -> str:
         "spec": HOSTILE,
     }
     fields: dict[str, Any] = {
-        **frame_fields(HOSTILE, (HOSTILE,), (HOSTILE,), False, [Card(HOSTILE, "3 mm^2")], {}),
-        **verification_fields(report, {"force.friction": HOSTILE}),
-        **run_fields(report, {"Solvers": [], "Plan": [(HOSTILE, HOSTILE)]}),
+        **build_frame_fields(HOSTILE, (HOSTILE,), (HOSTILE,), False, [Card(HOSTILE, "3 mm^2")], {}),
+        **build_verification_fields(report, {"force.friction": HOSTILE}),
+        **build_run_fields(report, {"Solvers": [], "Plan": [(HOSTILE, HOSTILE)]}),
         "pictures_note": HOSTILE,
         "table_note": HOSTILE,
         "table": Table.of((HOSTILE, "empty"), [(HOSTILE, "")]),
@@ -73,7 +78,7 @@ def test_a_field_that_nobody_gives_is_an_error() -> None:
 
 
 def test_checks_of_the_file_stand_after_what_the_robot_does() -> None:
-    names = [row.name for row in check_rows({"verification": CHECKS}, {})]
+    names = [row.name for row in build_check_rows({"verification": CHECKS}, {})]
     assert names[:2] == ["terrain.spec", "torque.limit"]  # what fails, what is not judged
     assert names[2:] == ["force.friction", "limbs.clearance", "file.spec_hash", "robot.spec"]
     text = page()
@@ -91,8 +96,8 @@ def test_nothing_stands_empty() -> None:
 
 
 def test_exponents_are_raised() -> None:
-    assert written("9.3e-03 mm^2, J k^-1 J^T f, x ^2") == "9.3e-03 mm², J k⁻¹ J^T f, x ^2"
-    assert written("`optimal` costs") == "“optimal” costs"
+    assert format_units("9.3e-03 mm^2, J k^-1 J^T f, x ^2") == "9.3e-03 mm², J k⁻¹ J^T f, x ^2"
+    assert format_units("`optimal` costs") == "“optimal” costs"
     text = page()
     assert "3 mm²" in text
     assert "1.00e-06 mm²" in text
@@ -102,7 +107,7 @@ def test_exponents_are_raised() -> None:
 def test_every_page_is_a_child_of_one(name: str) -> None:
     """One head, one style sheet, one table of checks: pages add their own sections."""
     text = (PAGES / name).read_text(encoding="utf-8")
-    page_template._templates().get_template(name)  # it can be read
+    page_template._load_templates().get_template(name)  # it can be read
     if name in ("base.html", "parts.html"):
         return
     assert text.startswith('{% extends "base.html" %}')

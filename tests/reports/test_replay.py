@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from climbplan.climb.pages.patches import limb_points
+from climbplan.climb.pages.patches import compute_limb_points
 from climbplan.climb.pages.replay import TOLERANCE, build_replay
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import START, sample_instants, true_angles
-from climbplan.reports.key_frames import key_frames
+from climbplan.climb.plan.played import START, compute_true_angles, sample_instants
+from climbplan.reports.key_frames import select_key_frames
 from climbplan.robots.kinematics import inverse, to_body, toe_world
 
 MakePlan = Callable[..., ClimbPlan]
@@ -30,8 +30,8 @@ def test_frames_play_back_within_tolerance(make_plan: MakePlan, limbs: int, roun
     moving = plan.trajectory
     assert len(replay.time) < len(moving.time)
     assert (replay.time[0], replay.time[-1]) == (moving.time[0], moving.time[-1])
-    angles = true_angles(plan, sample_instants(plan))
-    truth = limb_points(plan, moving.com, moving.rpy, angles)[:, :, 1:]
+    angles = compute_true_angles(plan, sample_instants(plan))
+    truth = compute_limb_points(plan, moving.com, moving.rpy, angles)[:, :, 1:]
     count = len(moving.time)
     shown = played(replay.time, replay.joints.reshape(len(replay.time), -1), moving.time)
     assert np.abs(shown - truth.reshape(count, -1)).max() <= TOLERANCE + 1e-12
@@ -96,4 +96,4 @@ def test_key_frames_keep_corners_and_forced_samples_only() -> None:
     corner = np.abs(time - 4.0)[:, None]
     forced = np.zeros(101, bool)
     forced[70] = True
-    assert list(key_frames(time, corner, forced, 1e-6)) == [0, 40, 70, 100]
+    assert list(select_key_frames(time, corner, forced, 1e-6)) == [0, 40, 70, 100]

@@ -14,13 +14,17 @@ from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from climbplan.climb.pages.cones import contact_forces, force_scale, round_newtons
-from climbplan.climb.pages.figure_forces import chosen_instants
+from climbplan.climb.pages.cones import (
+    compute_contact_forces,
+    compute_force_scale,
+    select_round_force,
+)
+from climbplan.climb.pages.figure_forces import select_instants
 from climbplan.climb.pages.figure_region import region
-from climbplan.climb.pages.report import figure_functions
-from climbplan.climb.pages.series import least_at
+from climbplan.climb.pages.report import select_figures
+from climbplan.climb.pages.series import find_minimum
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
-from climbplan.reports.sheet import plain, png
+from climbplan.reports.sheet import format_plain, render_png
 
 MakePlan = Callable[..., ClimbPlan]
 BEAM = {"name": "beam", "lower": [-0.615, 0.4, 0.3], "upper": [0.615, 0.9, 0.5]}
@@ -52,7 +56,7 @@ def render(figure: Figure) -> Rendered:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Text, "draw", recorded)
-        image = png(figure)
+        image = render_png(figure)
     boxes = [(text.get_text(), text.get_window_extent()) for text in drawn.values()]
     assert len(boxes) > 5
     pairs = []
@@ -71,7 +75,7 @@ def plan(request: pytest.FixtureRequest, make_plan: MakePlan) -> ClimbPlan:
 
 @pytest.mark.parametrize("name", ["postures", "torque", "friction", "safety", "forces"])
 def test_figures_are_drawn_without_overlapping_text(plan: ClimbPlan, name: str) -> None:
-    figure = figure_functions(plan)[name](plan)
+    figure = select_figures(plan)[name](plan)
     rendered = render(figure)
     image = rendered.image
     assert image.startswith(b"\x89PNG\r\n\x1a\n")
@@ -83,7 +87,7 @@ def test_figures_are_drawn_without_overlapping_text(plan: ClimbPlan, name: str) 
 
 @pytest.mark.parametrize("name", ["torque", "friction"])
 def test_every_limb_has_a_panel_with_limits_and_lifted_phases(plan: ClimbPlan, name: str) -> None:
-    figure = figure_functions(plan)[name](plan)
+    figure = select_figures(plan)[name](plan)
     panels = [ax for ax in figure.axes if ax.get_visible()]
     titles = {ax.get_title(loc="left") for ax in panels}
     assert titles == set(plan.robot.limb_names)
@@ -103,7 +107,7 @@ def test_every_limb_has_a_panel_with_limits_and_lifted_phases(plan: ClimbPlan, n
 
 def test_axes_carry_units(make_plan: MakePlan) -> None:
     plan = make_plan(limbs=6, rounds=2)
-    figures = figure_functions(plan)
+    figures = select_figures(plan)
     front, side = figures["postures"](plan).axes[1:]
     assert (front.get_xlabel(), front.get_ylabel()) == ("x [m]", "z [m]")
     assert (side.get_xlabel(), side.get_ylabel()) == ("y [m]", "z [m]")
@@ -125,7 +129,7 @@ def region_study(two: bool) -> Study:
 @pytest.mark.parametrize("two", [True, False])
 def test_region_shows_labels_and_the_plan_itself(make_plan: MakePlan, two: bool) -> None:
     plan = make_plan(limbs=6, rounds=1, study=region_study(two))
-    figure = figure_functions(plan)["region"](plan)
+    figure = select_figures(plan)["region"](plan)
     rendered = render(figure)
     ax = figure.axes[0]
     assert ax.get_xlabel() == ("terrain.walls.angle_deg [deg]" if two else "terrain.friction")
@@ -143,17 +147,17 @@ def test_region_shows_labels_and_the_plan_itself(make_plan: MakePlan, two: bool)
 
 def test_region_needs_a_study(make_plan: MakePlan) -> None:
     plan = make_plan(limbs=6, rounds=1)
-    assert "region" not in figure_functions(plan)
+    assert "region" not in select_figures(plan)
     with pytest.raises(ValueError, match="no study"):
         region(plan)
 
 
 def test_cones_are_cut_where_the_force_ends(make_plan: MakePlan) -> None:
     plan = make_plan(limbs=6, rounds=2)
-    scale = force_scale(plan, 0.3)
+    scale = compute_force_scale(plan, 0.3)
     assert np.linalg.norm(plan.forces.force, axis=-1).max() * scale == pytest.approx(0.3)
-    for k in chosen_instants(plan):
-        found = contact_forces(plan, k, scale)
+    for k in select_instants(plan):
+        found = compute_contact_forces(plan, k, scale)
         assert [f.limb for f in found] == list(np.flatnonzero(plan.instants.contact[k]))
         for force in found:
             normal = plan.instants.normal[k, force.limb]
@@ -172,7 +176,7 @@ def test_cones_are_cut_where_the_force_ends(make_plan: MakePlan) -> None:
 
 def test_chosen_instants_hold_the_critical_ones(make_plan: MakePlan) -> None:
     plan = make_plan(limbs=6, rounds=3)
-    picked = chosen_instants(plan)
+    picked = select_instants(plan)
     assert len(picked) == 4
     assert picked == sorted(set(picked))
     assert int(np.argmin(plan.forces.safety_torque)) in picked
@@ -181,20 +185,20 @@ def test_chosen_instants_hold_the_critical_ones(make_plan: MakePlan) -> None:
 
 
 def test_of_many_instants_at_a_bound_the_first_is_named() -> None:
-    assert least_at(np.array([3.0, 1.8 + 1e-9, 1.8, 1.8 - 1e-9, 2.0])) == 1
-    assert least_at(np.array([3.0, 1.8, 1.7])) == 2
-    assert least_at(np.array([np.inf, np.inf])) == 0
+    assert find_minimum(np.array([3.0, 1.8 + 1e-9, 1.8, 1.8 - 1e-9, 2.0])) == 1
+    assert find_minimum(np.array([3.0, 1.8, 1.7])) == 2
+    assert find_minimum(np.array([np.inf, np.inf])) == 0
 
 
 @pytest.mark.parametrize(("scale", "newtons"), [(0.01, 20.0), (0.001, 200.0), (0.005, 50.0)])
 def test_scale_arrow_is_a_round_number(scale: float, newtons: float) -> None:
-    assert round_newtons(scale, 0.25) == newtons
+    assert select_round_force(scale, 0.25) == newtons
 
 
 def test_names_from_a_spec_are_drawn_as_they_are(make_plan: MakePlan) -> None:
     plan = make_plan(limbs=3, rounds=1, name=r"$\frac{1}{0 {_name} 攀登")
     names = tuple(f"$_{i} " + 30 * "long" for i in range(3))
     plan = replace(plan, robot=replace(plan.robot, limb_names=names, name=90 * "$W"))
-    for draw in figure_functions(plan).values():
+    for draw in select_figures(plan).values():
         assert render(draw(plan)).overlaps == []
-    assert plain("a $x$ 攀") == r"a \$x\$ □"
+    assert format_plain("a $x$ 攀") == r"a \$x\$ □"

@@ -20,9 +20,9 @@ from climbplan.limms.pages.scene import read_scene as limms_scene
 from climbplan.limms.pages.time_axis import TimeScale
 from climbplan.limms.plan.file import read_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
-from climbplan.reports.palette import ink_on
-from climbplan.reports.scene_replay import beginning, scene_replay
-from climbplan.reports.viewer.scene import block, outline, polygons
+from climbplan.reports.palette import choose_ink
+from climbplan.reports.scene_replay import build_scene_replay, find_start_time
+from climbplan.reports.viewer.scene import build_block, build_polygons, compute_outline
 from climbplan.walking.pages.scene import read_scene as walk_scene
 
 
@@ -63,16 +63,16 @@ def test_pages_hold_every_sample_of_their_scene(folders: dict[str, Path]) -> Non
     assert np.ptp(ratio) < 0.02 * ratio.mean()
     assert (np.sum(arrows[pushes] * force[pushes], axis=-1) > 0).all()
     throw = limms_scene(folders["throw"] / "plan.h5")
-    assert replay_of(folders["throw"]) == json.loads(json.dumps(scene_replay(throw)))
+    assert replay_of(folders["throw"]) == json.loads(json.dumps(build_scene_replay(throw)))
 
 
 def test_modules_are_shown_from_shortly_before_the_box_moves(folders: dict[str, Path]) -> None:
     plan = read_limms_plan(folders["throw"] / "plan.h5")
     here, waited = (build_module_scene(one) for one in (plan, later(plan, 60.0)))
-    assert beginning(waited) == pytest.approx(beginning(here) + 60.0, abs=0.2)
-    assert beginning(replace(here, boxes=None)) == here.time[0]
+    assert find_start_time(waited) == pytest.approx(find_start_time(here) + 60.0, abs=0.2)
+    assert find_start_time(replace(here, boxes=None)) == here.time[0]
     box = plan.motion.box_position[:, 0]
-    start = np.interp(beginning(here) + 1.0, plan.motion.time, box[:, 2])
+    start = np.interp(find_start_time(here) + 1.0, plan.motion.time, box[:, 2])
     assert abs(start - box[0, 2]) < 0.02
 
 
@@ -104,18 +104,18 @@ def test_text_on_bars_is_seen(folders: dict[str, Path]) -> None:
             if patch.get_x() <= middle[0] <= patch.get_x() + patch.get_width()  # type: ignore[attr-defined]
             and abs(patch.get_y() + patch.get_height() / 2 - middle[1]) < 0.1  # type: ignore[attr-defined]
         )
-        assert to_hex(text.get_color()).upper() == ink_on(to_hex(bar.get_facecolor()))
-    assert ink_on("#0072B2") == "#FFFFFF"
-    assert ink_on("#F0B48A") != "#FFFFFF"
+        assert to_hex(text.get_color()).upper() == choose_ink(to_hex(bar.get_facecolor()))
+    assert choose_ink("#0072B2") == "#FFFFFF"
+    assert choose_ink("#F0B48A") != "#FFFFFF"
 
 
 def test_outlines_are_edges_that_are_seen() -> None:
-    cube = block("cube", np.zeros(3), np.ones(3), "#000000", 1.0)
-    edges = cube.vertices[outline(cube)]
+    cube = build_block("cube", np.zeros(3), np.ones(3), "#000000", 1.0)
+    edges = cube.vertices[compute_outline(cube)]
     assert len(edges) == 12
     assert np.linalg.norm(edges[:, 1] - edges[:, 0], axis=1) == pytest.approx(1.0)
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], float)
-    assert len(outline(polygons("square", [square], "#000000", 1.0))) == 4
+    assert len(compute_outline(build_polygons("square", [square], "#000000", 1.0))) == 4
 
 
 PIXELS = """(() => {

@@ -11,13 +11,13 @@ from PIL import Image
 
 from climbplan.reports.sheet import (
     TALLEST,
-    drawn_as_png,
-    foot_legend,
-    heading,
+    build_panel_grid,
+    draw_foot_legend,
+    draw_heading,
+    draw_panel_title,
     new_figure,
-    panel_grid,
-    panel_title,
-    png,
+    render_figures,
+    render_png,
     style_axes,
 )
 
@@ -27,11 +27,11 @@ def drawn(figure: Figure) -> Figure:
     for ax in figure.axes:
         (line,) = ax.plot([0.0, 1.0, 2.0], [0.0, 2000.0, 1.0], label="load")
         style_axes(ax)
-        panel_title(ax, "panel", "note")
+        draw_panel_title(ax, "panel", "note")
         ax.set_ylabel("load [N]")
         ax.set_xlabel("time [s]")
-    foot_legend(figure, [line], ["load"])
-    heading(figure, "Loads", "on the right")
+    draw_foot_legend(figure, [line], ["load"])
+    draw_heading(figure, "Loads", "on the right")
     return figure
 
 
@@ -44,7 +44,7 @@ def two_panels() -> Figure:
 def test_the_picture_is_the_one_that_savefig_writes() -> None:
     saved = io.BytesIO()
     two_panels().savefig(saved, format="png")
-    written = Image.open(io.BytesIO(png(two_panels())))
+    written = Image.open(io.BytesIO(render_png(two_panels())))
     expected = np.asarray(Image.open(saved).convert("RGB"))
     np.testing.assert_array_equal(np.asarray(written), expected)
     assert written.info["dpi"] == pytest.approx((150, 150), abs=0.1)
@@ -60,20 +60,20 @@ def test_a_figure_is_drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
         draw(figure, *given)
 
     monkeypatch.setattr(Figure, "draw", counted)
-    images = drawn_as_png("plan", {"one": lambda plan: two_panels()})
+    images = render_figures("plan", {"one": lambda plan: two_panels()})
     assert images["one"].startswith(b"\x89PNG")
     assert count == 1
 
 
 @pytest.mark.parametrize("own_heights", [False, True])
 def test_equal_panels_leave_room_for_what_stands_round_them(own_heights: bool) -> None:
-    figure, axes = panel_grid(6.0, entries=1, rows=2, columns=2, own_heights=own_heights)
+    figure, axes = build_panel_grid(6.0, entries=1, rows=2, columns=2, own_heights=own_heights)
     assert axes.shape == (2, 2)
     drawn(figure)
     if own_heights:
         for ax in axes[:, 1]:
             ax.set_ylabel("")
-    png(figure)
+    render_png(figure)
     renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
     boxes = [ax.get_tightbbox(renderer) for ax in axes.ravel()]
     assert min(box.x0 for box in boxes) > 0
@@ -88,5 +88,5 @@ def test_equal_panels_leave_room_for_what_stands_round_them(own_heights: bool) -
 
 def test_figures_end_somewhere() -> None:
     """A plan file may claim postures a thousand kilometres high."""
-    for figure in (new_figure(1e9, entries=3), panel_grid(1e9, entries=3, rows=2).figure):
+    for figure in (new_figure(1e9, entries=3), build_panel_grid(1e9, entries=3, rows=2).figure):
         assert figure.get_size_inches()[1] == TALLEST

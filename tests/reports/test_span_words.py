@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from climbplan.climb.pages.page import millimetres
+from climbplan.climb.pages.page import format_millimetres
 
 
 @pytest.mark.parametrize(
@@ -18,4 +18,4 @@ from climbplan.climb.pages.page import millimetres
     ],
 )
 def test_millimetres(least: float | None, most: float | None, words: str) -> None:
-    assert millimetres({"least": least, "most": most}) == words
+    assert format_millimetres({"least": least, "most": most}) == words

@@ -25,11 +25,11 @@ from climbplan.climb.pages.scene import read_scene as climb_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.errors import UsageError
-from climbplan.reports.viewer.scene import Scene, between, polygons
+from climbplan.reports.viewer.scene import Scene, build_polygons, interpolate
 
 pytest.importorskip("viser", reason="no viser found: the 3-D view is not tested")
 from climbplan.reports.viewer.server import Viewer  # (after the check that it can be had)
-from climbplan.reports.viewer.stage import _turned_to, load_color, rgb
+from climbplan.reports.viewer.stage import _align_z_to, map_load_to_color, parse_rgb
 
 MakePlan = Callable[..., ClimbPlan]
 SPECS = Path(__file__).parents[2] / "specs"
@@ -91,12 +91,12 @@ def test_moments_at_before_and_after() -> None:
     assert nothing.moment(1.0) == (2, 3, 0.0)  # a jump: what comes after it
     assert nothing.moment(9.0) == (3, 3, 0.0)
     values = np.array([0.0, 4.0, 8.0, 10.0])
-    assert between(values, nothing.moment(2.0)) == 9.0
+    assert interpolate(values, nothing.moment(2.0)) == 9.0
 
 
 def test_fans_cover_polygons() -> None:
     square = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0]], float)
-    shape = polygons("two", [square, square[:3] + 5.0], "#000000", 1.0)
+    shape = build_polygons("two", [square, square[:3] + 5.0], "#000000", 1.0)
     corners = shape.vertices[shape.faces]
     assert shape.faces.shape == (3, 3)
     each = np.linalg.norm(
@@ -108,7 +108,7 @@ def test_fans_cover_polygons() -> None:
 def test_z_is_turned_to_any_direction() -> None:
     rng = np.random.default_rng(0)
     directions = np.vstack([rng.normal(size=(20, 3)), np.eye(3), -np.eye(3), np.zeros(3)])
-    w, x, y, z = _turned_to(directions).T
+    w, x, y, z = _align_z_to(directions).T
     third = np.column_stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
     length = np.linalg.norm(directions, axis=1, keepdims=True)
     wanted = np.where(length > 0, directions / np.maximum(length, 1e-9), [0, 0, 1])
@@ -116,12 +116,12 @@ def test_z_is_turned_to_any_direction() -> None:
 
 
 def test_load_colours_from_green_to_red() -> None:
-    green, yellow, red, more = load_color(np.array([0.0, 0.5, 1.0, 7.0]))
+    green, yellow, red, more = map_load_to_color(np.array([0.0, 0.5, 1.0, 7.0]))
     assert green[1] > green[0]
     assert min(yellow[:2]) > 150
     assert red[0] > red[1]
     np.testing.assert_array_equal(red, more)
-    assert rgb("#0a10ff") == (10, 16, 255)
+    assert parse_rgb("#0a10ff") == (10, 16, 255)
 
 
 def test_books_come_from_where_they_were(tmp_path: Path) -> None:

@@ -51,9 +51,9 @@ def _upgrade(port: int, origin: str) -> str:
 
 def test_the_server_refuses_them() -> None:
     viser = pytest.importorskip("viser")
-    from climbplan.reports.viewer.origins import own_origins_only
+    from climbplan.reports.viewer.origins import restrict_to_own_origins
 
-    with own_origins_only("127.0.0.1"):
+    with restrict_to_own_origins("127.0.0.1"):
         server = viser.ViserServer("127.0.0.1", 18080, verbose=False)
     try:
         port = server.get_port()

@@ -15,7 +15,7 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.joint_dynamics import JointDynamics, default_damping, default_rotor_inertia
 from climbplan.robots.model import dynamics_of
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.tree import urdf_of_text
+from climbplan.schema.robots.urdf.tree import parse_urdf
 from climbplan.schema.robots.xml import UrdfFaults
 
 pytest.importorskip("pinocchio")
@@ -103,7 +103,7 @@ def test_friction_is_what_the_urdf_says(tmp_path: Path) -> None:
 def test_impossible_friction_is_refused_at_its_line(value: str) -> None:
     text = stated(WALKER.text(), "R1_lift", f'<dynamics friction="{value}"/>')
     with pytest.raises(UrdfFaults) as told:
-        urdf_of_text(text, Path("walker.urdf"))
+        parse_urdf(text, Path("walker.urdf"))
     fault = told.value.faults[0]
     assert "<dynamics friction> of joint 'R1_lift': expected 0 to 1e+07" in fault.message
     assert fault.line == 1 + text[: text.index("<dynamics")].count("\n")

@@ -18,10 +18,10 @@ from climbplan.errors import SpecError
 from climbplan.robots.urdf.pinocchio_model import build_urdf_model
 from climbplan.robots.urdf.robot_builder import build_robot_from_urdf
 from climbplan.robots.urdf.shapes import read_collision_shapes
-from climbplan.schema.robots.mjcf.places import rpy
+from climbplan.schema.robots.mjcf.places import compute_rpy
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
-from climbplan.schema.robots.urdf.tree import read_urdf, urdf_of_text
+from climbplan.schema.robots.urdf.tree import parse_urdf, read_urdf
 from climbplan.schema.robots.xml import UrdfFault
 
 mujoco = pytest.importorskip("mujoco")
@@ -142,7 +142,7 @@ def test_shapes_stand_where_mujoco_has_them(tmp_path: Path) -> None:
     tree = read_urdf(path)
     assert tree.links["trunk"].collision_meshes[0][0] == "meshes/wedge.stl"
     assert "ellipsoid" not in tree.text
-    assert urdf_of_text(tree.text, path).links == tree.links
+    assert parse_urdf(tree.text, path).links == tree.links
 
 
 def test_capsules_of_a_urdf_are_capsules(tmp_path: Path) -> None:
@@ -203,5 +203,5 @@ def test_rotations_with_a_pitch_of_a_right_angle_keep_every_digit() -> None:
     for pitch in (np.pi / 2, -np.pi / 2, np.pi / 2 - 1e-9, 0.3):
         roll, yaw = rng.uniform(-3, 3, size=2)
         turn = pinocchio.rpy.rpyToMatrix(roll, pitch, yaw)
-        again = pinocchio.rpy.rpyToMatrix(*rpy(turn))
+        again = pinocchio.rpy.rpyToMatrix(*compute_rpy(turn))
         assert np.abs(again - turn).max() < 1e-14

@@ -10,10 +10,10 @@ import pytest
 from climbplan.robots.facts import measure_robot
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.model import Robot
-from climbplan.schema.robots.source import builtin_robots, load_robot
+from climbplan.schema.robots.source import list_builtin_robots, load_robot
 
 
-@pytest.mark.parametrize("name", builtin_robots())
+@pytest.mark.parametrize("name", list_builtin_robots())
 def test_standing_balances_the_weight(name: str) -> None:
     robot = Robot.from_spec(load_robot(name))
     facts = measure_robot(robot)

@@ -27,8 +27,8 @@ from climbplan.robots.urdf.proposal.motors import propose_motors
 from climbplan.robots.urdf.proposal.postures import LegModel
 from climbplan.robots.urdf.proposal.prepared_robot import Proposal
 from climbplan.schema.robots.source import load_any_robot
-from climbplan.schema.robots.urdf.mimics import mimic_findings
-from climbplan.schema.robots.urdf.tree import urdf_of_text
+from climbplan.schema.robots.urdf.mimics import check_mimics
+from climbplan.schema.robots.urdf.tree import parse_urdf
 
 
 def chain(name: str, start: str, kinds: list[str]) -> str:
@@ -47,7 +47,7 @@ def chain(name: str, start: str, kinds: list[str]) -> str:
 
 def found_in(body: str) -> tuple[list[list[str]], list[str]]:
     """Joints of the limbs, and shared joints, of a URDF with these parts."""
-    tree = urdf_of_text(f'<robot name="r"><link name="base"/>{body}</robot>', Path("r.urdf"))
+    tree = parse_urdf(f'<robot name="r"><link name="base"/>{body}</robot>', Path("r.urdf"))
     found = find_limbs(tree, find_body_link(tree))
     return [[j.name for j in limb.joints] for limb in found.limbs], [j.name for j in found.shared]
 
@@ -83,13 +83,13 @@ def test_a_fixed_joint_mimics_nothing() -> None:
         '<child link="leg_4"/>', '<child link="leg_4"/><mimic joint="leg_1"/>'
     )
     assert "<mimic" in leg
-    tree = urdf_of_text(f'<robot name="r"><link name="base"/>{leg}</robot>', Path("r.urdf"))
+    tree = parse_urdf(f'<robot name="r"><link name="base"/>{leg}</robot>', Path("r.urdf"))
     assert tree.joints["leg_4"].mimic is None
-    assert mimic_findings(tree) == []
+    assert check_mimics(tree) == []
 
 
 def test_more_than_seven_joints_are_locked_from_the_far_end() -> None:
-    tree = urdf_of_text(
+    tree = parse_urdf(
         f'<robot name="r"><link name="base"/>{chain("a", "base", ["revolute"] * 9)}</robot>',
         Path("r.urdf"),
     )
@@ -230,7 +230,7 @@ def test_implausible_data_is_named_and_replaced(tmp_path: Path) -> None:
 
 
 def test_speeds_that_no_urdf_says_go_by_size() -> None:
-    tree = urdf_of_text(
+    tree = parse_urdf(
         Walker(joints=3).text().replace('velocity="', 'velocity="9000'), Path("r.urdf")
     )
     joints = tuple(joint for joint in tree.joints.values() if joint.velocity)[:3]

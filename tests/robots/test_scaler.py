@@ -14,7 +14,7 @@ from climbplan.robots.gripper import wrists_at
 from climbplan.robots.kinematics import inverse, jacobian_body, toe_body
 from climbplan.robots.last_link import joint_axes_body, last_link_body
 from climbplan.robots.model import Robot
-from climbplan.schema.robots.source import load_robot, robot_text
+from climbplan.schema.robots.source import load_robot, read_robot_text
 
 STEP = 1e-6
 
@@ -124,6 +124,6 @@ def test_out_of_reach_is_said(robot: Robot) -> None:
 
 def test_robot_file_says_when_the_coupler_is_too_long(tmp_path: Path) -> None:
     bad = tmp_path / "bad.yaml"
-    bad.write_text(robot_text("scaler").replace("coupler: 0.142", "coupler: 1.42"))
+    bad.write_text(read_robot_text("scaler").replace("coupler: 0.142", "coupler: 1.42"))
     with pytest.raises(SpecError, match="nothing ever closes"):
         load_robot(bad)

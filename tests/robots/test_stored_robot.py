@@ -9,9 +9,14 @@ import pytest
 from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import SpecError
 from climbplan.robots.any_robot import build_robot
-from climbplan.schema.robots.stored import NotKept, RobotTexts, robot_texts, stored_robot
+from climbplan.schema.robots.stored import (
+    NotKept,
+    RobotTexts,
+    build_stored_robot,
+    collect_robot_texts,
+)
 from climbplan.schema.yaml_source import parse_yaml
-from climbplan.verification.differences import largest, parts_apart
+from climbplan.verification.differences import compare_recursively, select_largest
 
 SPECS = Path(__file__).parents[2] / "specs"
 WALKER = parse_yaml("kind: climb\nrobot: robot_walker.yaml\n", "spec")
@@ -20,16 +25,16 @@ WALKER = parse_yaml("kind: climb\nrobot: robot_walker.yaml\n", "spec")
 @pytest.fixture(scope="module")
 def texts() -> RobotTexts:
     loaded = load_climb(SPECS / "climb_walker.yaml")
-    return robot_texts(loaded.spec.robot, loaded.directory, loaded.robot)
+    return collect_robot_texts(loaded.spec.robot, loaded.directory, loaded.robot)
 
 
 def test_a_urdf_travels_as_text(texts: RobotTexts) -> None:
     pytest.importorskip("pinocchio")
     loaded = load_climb(SPECS / "climb_walker.yaml")
-    stored = stored_robot(WALKER, texts)
+    stored = build_stored_robot(WALKER, texts)
     assert stored.unknown == ()
-    parts = parts_apart("robot", build_robot(stored.robot), build_robot(loaded.robot))
-    assert largest(parts).size == 0.0
+    parts = compare_recursively("robot", build_robot(stored.robot), build_robot(loaded.robot))
+    assert select_largest(parts).size == 0.0
 
 
 def test_meshes_do_not(texts: RobotTexts) -> None:
@@ -37,7 +42,7 @@ def test_meshes_do_not(texts: RobotTexts) -> None:
     start = texts.urdf.index("<geometry>", texts.urdf.index("<collision")) + len("<geometry>")
     end = texts.urdf.index("</geometry>", start)
     with_mesh = texts.urdf[:start] + mesh + texts.urdf[end:]
-    assert stored_robot(WALKER, RobotTexts(texts.yaml, with_mesh)).unknown == (
+    assert build_stored_robot(WALKER, RobotTexts(texts.yaml, with_mesh)).unknown == (
         "limb_radius",
         "capsules",
         "touching",
@@ -45,7 +50,7 @@ def test_meshes_do_not(texts: RobotTexts) -> None:
         "body_parts",
     )
     told = texts.yaml + "\nlimb_radius: 0.03\n"
-    assert stored_robot(WALKER, RobotTexts(told, with_mesh)).unknown == (
+    assert build_stored_robot(WALKER, RobotTexts(told, with_mesh)).unknown == (
         "body_hull",
         "body_parts",
         "touching",
@@ -64,7 +69,7 @@ def test_meshes_do_not(texts: RobotTexts) -> None:
 def test_what_is_not_kept_is_said(spec: str, has_yaml: bool, words: str, texts: RobotTexts) -> None:
     given = RobotTexts(yaml=texts.yaml) if has_yaml else RobotTexts()
     with pytest.raises(NotKept, match=words):
-        stored_robot(parse_yaml(f"kind: climb\n{spec}\n", "spec"), given)
+        build_stored_robot(parse_yaml(f"kind: climb\n{spec}\n", "spec"), given)
 
 
 @pytest.mark.parametrize(
@@ -73,10 +78,10 @@ def test_what_is_not_kept_is_said(spec: str, has_yaml: bool, words: str, texts: 
 )
 def test_texts_that_are_no_robot(yaml: str, urdf: str) -> None:
     with pytest.raises(SpecError):
-        stored_robot(WALKER, RobotTexts(yaml, urdf))
+        build_stored_robot(WALKER, RobotTexts(yaml, urdf))
 
 
 def test_a_built_in_robot_needs_no_text() -> None:
     loaded = load_climb(SPECS / "climb_obstacle.yaml")
-    assert robot_texts(loaded.spec.robot, loaded.directory, loaded.robot) == RobotTexts()
-    assert stored_robot(loaded.document, RobotTexts()).robot.name == loaded.robot.name
+    assert collect_robot_texts(loaded.spec.robot, loaded.directory, loaded.robot) == RobotTexts()
+    assert build_stored_robot(loaded.document, RobotTexts()).robot.name == loaded.robot.name

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from climbplan.exports.motion import RobotMotion
-from climbplan.exports.sidecar import facts_of
+from climbplan.exports.sidecar import collect_facts
 
 
 class Statics(NamedTuple):
@@ -23,7 +23,7 @@ class Played:
     """A motion on its URDF, root link and joints placed as the motion says."""
 
     def __init__(self, motion: RobotMotion, urdf: str) -> None:
-        self.motion, self.facts = motion, facts_of(motion)
+        self.motion, self.facts = motion, collect_facts(motion)
         self.model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer())
         self.data = self.model.createData()
         assert motion.joints is not None

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.reports.fits.holds_report import graspable, write_holds
+from climbplan.reports.fits.holds_report import find_graspable, write_holds
 from climbplan.scan.clouds import build_cloud
 from climbplan.scan.holds import Grasping, Wall, find_wall_holds
 from climbplan.scan.panel import build_panel
@@ -133,7 +133,9 @@ def test_a_panel_of_a_spec_is_written(wall: Wall, tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_holds_of_a_scan_are_written(tmp_path: Path) -> None:
     raw, wall = scan_with(HOLDS), wall_of(HOLDS)
-    write_holds(graspable(raw, build_scan_spec(Path("wall.xyz"), []), GRASPING, "wall"), tmp_path)
+    write_holds(
+        find_graspable(raw, build_scan_spec(Path("wall.xyz"), []), GRASPING, "wall"), tmp_path
+    )
     report = json.loads((tmp_path / "report.json").read_text())
     assert len(report["holds"]) == len(wall.holds)
     assert "graspable spots within an opening of 60 mm" in (tmp_path / "terrain.yaml").read_text()

@@ -8,7 +8,7 @@ import pytest
 
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.schema.model import ClimbSpec
-from climbplan.schema.holding import RULES, HeldSpec, held_spec
+from climbplan.schema.holding import RULES, HeldSpec, compare_specs
 from climbplan.schema.kinds import KINDS
 from climbplan.schema.loading import load_spec
 from climbplan.schema.yaml_source import parse_yaml
@@ -21,7 +21,7 @@ SMALL = Path(__file__).parent / "small_climb.yaml"
 def held(own: list[str], stored: list[str]) -> HeldSpec:
     """The small climb as its user set it, beside a plan made with other values."""
     mine, plans = load_climb(SMALL, own), load_climb(SMALL, stored)
-    return held_spec(mine, mine.spec, plans.text)
+    return compare_specs(mine, mine.spec, plans.text)
 
 
 def told(found: HeldSpec) -> list[str]:
@@ -58,14 +58,17 @@ def test_how_a_plan_came_about_does_not_count() -> None:
 
 
 def test_what_the_planner_may_choose_is_its_choice_where_it_is_left_out() -> None:
-    found = held([], ["trajectory.lift=0.03", "task.gait=[LF, LM, LR, RR, RM, RF]"])
+    found = held([], ["trajectory.swing_clearance=0.03", "task.gait=[LF, LM, LR, RR, RM, RF]"])
     roles = {d.key: d.role for d in found.differences}
-    assert roles == {"trajectory.lift": "chosen", "task.gait": "judged"}  # the user wrote a gait
+    assert roles == {
+        "trajectory.swing_clearance": "chosen",
+        "task.gait": "judged",
+    }  # the user wrote a gait
     value = parse_yaml(found.text, "held").value
-    assert value["trajectory"]["lift"] == 0.03
+    assert value["trajectory"]["swing_clearance"] == 0.03
     assert value["task"]["gait"][0] == "RF"
     assert "the planner's choice" in told(found)[-1]
-    written = held(["trajectory.lift=0.05"], ["trajectory.lift=0.03"])
+    written = held(["trajectory.swing_clearance=0.05"], ["trajectory.swing_clearance=0.03"])
     assert [d.role for d in written.differences] == ["judged"]
 
 
@@ -106,12 +109,12 @@ def _options(schema: dict[str, object], part: dict[str, object]) -> list[dict[st
 
 def test_a_plan_whose_text_is_no_spec_differs() -> None:
     mine = load_mpc(SPECS / "mpc_forward.yaml")
-    found = held_spec(mine, mine.spec, "no: spec")
+    found = compare_specs(mine, mine.spec, "no: spec")
     assert [d.key for d in found.broken] == ["kind"]
 
 
 @pytest.mark.parametrize("name", ["bookshelf_scene", "limms_throw", "transition_flat", "cart_pole"])
 def test_every_kind_of_plan_can_be_held(name: str) -> None:
     mine, other = (load_spec(SPECS / f"{name}.yaml", more) for more in ([], ["seed=5"]))
-    found = held_spec(mine, vars(mine)["spec"], vars(other)["text"])
+    found = compare_specs(mine, vars(mine)["spec"], vars(other)["text"])
     assert told(found) == ["seed: plan's spec 5, yours 0 (how the plan came about)"]

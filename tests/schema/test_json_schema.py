@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from climbplan.errors import UsageError
-from climbplan.schema.json_schema import DIALECT, all_schemas, json_schema
+from climbplan.schema.json_schema import DIALECT, build_all_schemas, json_schema
 from climbplan.schema.kinds import KINDS
 
 
@@ -61,7 +61,7 @@ def test_units_and_bounds_are_there() -> None:
 
 
 def test_one_schema_for_all() -> None:
-    schema = all_schemas()
+    schema = build_all_schemas()
     referred = {entry["$ref"] for entry in schema["oneOf"]}
     assert referred == {body["$id"] for body in schema["$defs"].values()}
 

@@ -12,9 +12,9 @@ import pytest
 
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.setting import MethodSetting
-from climbplan.bookshelf.methods.table import prepare
-from climbplan.bookshelf.planner.dataset_rows import rules_of
-from climbplan.bookshelf.scene.scene_source import shelf_of
+from climbplan.bookshelf.methods.table import prepare_method
+from climbplan.bookshelf.planner.dataset_rows import build_drop_rules
+from climbplan.bookshelf.scene.scene_source import build_shelf
 from climbplan.bookshelf.schema.dataset import BookshelfProblemSpec
 from climbplan.bookshelf.schema.loading import load_shelf
 from climbplan.climb.envelopes import run
@@ -45,7 +45,7 @@ def test_shelf_of_other_tolerances() -> None:
         "published.left_wall_mm": 5.0,
     }
     overrides = [f"shelf.{key}={value}" for key, value in keys.items()]
-    shelf = shelf_of(load_shelf(SPECS / "bookshelf_scene.yaml", overrides).spec.shelf)
+    shelf = build_shelf(load_shelf(SPECS / "bookshelf_scene.yaml", overrides).spec.shelf)
     assert shelf.wall_gap == 2e-3
     assert shelf.lean_margin == math.radians(3.0)
     assert shelf.published.distance == 4e-3
@@ -58,8 +58,8 @@ def test_a_search_of_books_ends_at_its_nodes() -> None:
         SPECS / "bookshelf_scene.yaml",
         ["solver.method=exact", "solver.gap_mm2=7.5", "solver.node_limit=1"],
     ).spec
-    setting = MethodSetting.of(spec, shelf_of(spec.shelf), SPECS)
-    method = prepare(setting, 1)
+    setting = MethodSetting.of(spec, build_shelf(spec.shelf), SPECS)
+    method = prepare_method(setting, 1)
     assert isinstance(method, ExactSolver)
     limits = method.limits
     assert (limits.gap_absolute, limits.nodes) == (7.5, 1)
@@ -67,7 +67,7 @@ def test_a_search_of_books_ends_at_its_nodes() -> None:
 
 def test_datasets_draw_upright_books_and_wait_for_rows() -> None:
     drop = BookshelfProblemSpec.model_validate({"kind": "bookshelf", "drop": {"upright_kept": 0.2}})
-    assert rules_of(drop).upright_kept == 0.2
+    assert build_drop_rules(drop).upright_kept == 0.2
     spec = load_dataset(SPECS / "dataset_bookshelf.yaml", ["row_timeout=77"]).spec
     assert spec.row_seconds == 77.0
 
@@ -137,9 +137,9 @@ def test_envelopes_are_grown_until_enough_is_feasible(monkeypatch: pytest.Monkey
         return [SimpleNamespace(envelope=SimpleNamespace(grown=lambda growth: growth))]
 
     monkeypatch.setattr(run, "GROWTHS", (0.1, 0.4, 0.6, 0.9))
-    monkeypatch.setattr(run, "training_points", lambda moved: (None, None))
+    monkeypatch.setattr(run, "select_training_points", lambda moved: (None, None))
     monkeypatch.setattr(run, "fit_clusters", fitted)
     rows: Any = SimpleNamespace(feasible=np.ones(3, bool))
     labels: Any = lambda envelopes, rows: [np.full(3, envelopes[0][0])]  # noqa: E731
-    assert run.clustered(rows, labels, spec) == (0.6,)
+    assert run.fit_by_clustering(rows, labels, spec) == (0.6,)
     assert likelihoods == [0.25]

@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import SpecError
-from climbplan.schema.robots.source import load_any_robot, robot_text
+from climbplan.schema.robots.source import load_any_robot, read_robot_text
 
 SPECS = Path(__file__).parents[2] / "specs"
-SILVIA = robot_text("silvia")
+SILVIA = read_robot_text("silvia")
 WALKER = (SPECS / "robot_walker.yaml").read_text()
 URDF = (SPECS / "walker.urdf").read_text()
 

@@ -7,18 +7,23 @@ from pathlib import Path
 import pytest
 
 from climbplan.errors import UsageError
-from climbplan.schema.examples import FIRST_EXAMPLE, example_data, example_names, example_text
+from climbplan.schema.examples import (
+    FIRST_EXAMPLE,
+    list_example_names,
+    read_example,
+    read_example_data,
+)
 from climbplan.schema.kinds import KINDS
 from climbplan.schema.loading import load_spec
 
-EXAMPLES = [(kind, name) for kind in KINDS for name in example_names(kind)]
+EXAMPLES = [(kind, name) for kind in KINDS for name in list_example_names(kind)]
 
 
 @pytest.mark.parametrize(("kind", "name"), EXAMPLES)
 def test_examples_are_valid_anywhere(kind: str, name: str, tmp_path: Path) -> None:
     path = tmp_path / f"{name}.yaml"
-    path.write_text(example_text(name), encoding="utf-8")
-    for data, content in example_data(name).items():
+    path.write_text(read_example(name), encoding="utf-8")
+    for data, content in read_example_data(name).items():
         (tmp_path / data).write_bytes(content)
     load_spec(path)
 
@@ -26,11 +31,11 @@ def test_examples_are_valid_anywhere(kind: str, name: str, tmp_path: Path) -> No
 def test_every_kind_has_its_first_example() -> None:
     assert set(FIRST_EXAMPLE) == set(KINDS)
     for kind, name in FIRST_EXAMPLE.items():
-        assert name in example_names(kind)
-        assert "#" in example_text(name)  # commented
+        assert name in list_example_names(kind)
+        assert "#" in read_example(name)  # commented
 
 
 def test_unknown_names() -> None:
-    assert example_names("cooking") == []
+    assert list_example_names("cooking") == []
     with pytest.raises(UsageError, match="did you mean 'silvia'"):
-        example_text("sylvia")
+        read_example("sylvia")

@@ -14,7 +14,7 @@ from climbplan.climb.schema.loading import LoadedClimb, load_climb
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.loading import load_spec
 from climbplan.schema.robots.robot import RobotSpec
-from climbplan.schema.robots.source import builtin_robots, load_robot, robot_text
+from climbplan.schema.robots.source import list_builtin_robots, load_robot, read_robot_text
 
 MANY_MISTAKES = """\
 s.yaml:5: terrain.friction: missing, expected a number > 0: friction coefficient where a region has none
@@ -65,7 +65,7 @@ def test_standard_input(small_climb: str, monkeypatch: pytest.MonkeyPatch) -> No
 
 def test_robot_beside_the_spec(tmp_path: Path, small_climb: str) -> None:
     (tmp_path / "robots").mkdir()
-    robot = robot_text("silvia").replace("mass: 10.3", "mass: 9.5")
+    robot = read_robot_text("silvia").replace("mass: 10.3", "mass: 9.5")
     (tmp_path / "robots" / "light.yaml").write_text(robot, encoding="utf-8")
     spec = tmp_path / "s.yaml"
     spec.write_text(change(small_climb, "robot: silvia", "robot: robots/light.yaml"))
@@ -76,21 +76,21 @@ def test_robot_beside_the_spec(tmp_path: Path, small_climb: str) -> None:
 
 
 def test_every_builtin_robot_loads() -> None:
-    assert builtin_robots()
-    for name in builtin_robots():
+    assert list_builtin_robots()
+    for name in list_builtin_robots():
         assert isinstance(load_robot(name), RobotSpec)
 
 
 def test_any_kind(tmp_path: Path, small_climb: str) -> None:
     climb, robot = tmp_path / "c.yaml", tmp_path / "r.yaml"
     climb.write_text(small_climb)
-    robot.write_text(robot_text("silvia"))
+    robot.write_text(read_robot_text("silvia"))
     assert isinstance(load_spec(climb), LoadedClimb)
     assert isinstance(load_spec(robot), RobotSpec)
 
 
 def test_mistakes_of_spec_and_robot_come_together(tmp_path: Path, small_climb: str) -> None:
-    robot = change(robot_text("silvia"), "mass: 10.3 ", "mass: -10.3 ")
+    robot = change(read_robot_text("silvia"), "mass: 10.3 ", "mass: -10.3 ")
     robot = change(robot, "name: RM", "name: RF")
     (tmp_path / "bad.yaml").write_text(robot)
     text = change(small_climb, "robot: silvia", "robot: bad.yaml")
@@ -213,7 +213,7 @@ def test_a_mistake_found_while_planning_gets_its_line(tmp_path: Path, small_clim
     loaded = load_climb(path, ["task.goal.toes.LF=[0, 0, 0]"])
     mistakes = [SpecMistake("task.goal.toes.RF", "a"), SpecMistake("task.goal.toes.LF.1", "b")]
     late = SpecError("x", mistakes)
-    first, second = loaded.placed(late).mistakes
+    first, second = loaded.locate(late).mistakes
     assert (first.line, first.source) == (28, str(path))
     assert second.source == "--set task.goal.toes.LF=[0, 0, 0]"
     assert second.key == "task.goal.toes.LF.1"

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from climbplan.schema.terrain.shapes import hull_fault, polygon_fault
+from climbplan.schema.terrain.shapes import check_hull, check_polygon
 
 SQUARE = [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0), (1.0, 1.0, 1.0), (0.0, 1.0, 1.0)]
 STAR = [
@@ -16,10 +16,10 @@ CUBE = [(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)]
 
 
 def test_good_shapes() -> None:
-    assert polygon_fault(SQUARE) is None
-    assert polygon_fault(SQUARE[::-1]) is None
-    assert polygon_fault([SQUARE[0], (0.5, 0.0, 1.0), *SQUARE[1:]]) is None  # a corner on an edge
-    assert hull_fault(CUBE) is None
+    assert check_polygon(SQUARE) is None
+    assert check_polygon(SQUARE[::-1]) is None
+    assert check_polygon([SQUARE[0], (0.5, 0.0, 1.0), *SQUARE[1:]]) is None  # a corner on an edge
+    assert check_hull(CUBE) is None
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_good_shapes() -> None:
     ],
 )
 def test_polygons_that_are_none(corners: list[tuple[float, float, float]], fragment: str) -> None:
-    fault = polygon_fault(corners)
+    fault = check_polygon(corners)
     assert fault is not None
     assert fragment in fault
 
@@ -49,6 +49,6 @@ def test_polygons_that_are_none(corners: list[tuple[float, float, float]], fragm
     ],
 )
 def test_hulls_that_are_none(points: list[tuple[float, float, float]], fragment: str) -> None:
-    fault = hull_fault(points)
+    fault = check_hull(points)
     assert fault is not None
     assert fragment in fault

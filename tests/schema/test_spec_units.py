@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from climbplan.schema.wording import meant_number
+from climbplan.schema.wording import parse_quantity
 
 
 @pytest.mark.parametrize(
@@ -29,4 +29,4 @@ from climbplan.schema.wording import meant_number
     ],
 )
 def test_meant_numbers(text: str, unit: str, number: float | None) -> None:
-    assert meant_number(text, unit) == (None if number is None else pytest.approx(number))
+    assert parse_quantity(text, unit) == (None if number is None else pytest.approx(number))

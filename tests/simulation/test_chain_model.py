@@ -20,9 +20,9 @@ from climbplan.climb.simulation.model.mjcf import build_mjcf, compute_link_mass
 from climbplan.climb.simulation.replay import simulate
 from climbplan.robots.kinematics import joint_points_body, toe_world
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.schema.examples import example_data, example_text
+from climbplan.schema.examples import read_example, read_example_data
 from climbplan.simulation.conditions import NOMINAL, Conditions
-from climbplan.simulation.motors import motor_stiffness
+from climbplan.simulation.motors import compute_motor_stiffness
 
 SHORT = ["task.rounds=1", "task.goal.com=[0,0,0.05]", "trajectory.speed=0.005"]
 
@@ -30,8 +30,8 @@ SHORT = ["task.rounds=1", "task.goal.com=[0,0,0.05]", "trajectory.speed=0.005"]
 @pytest.fixture(scope="module", name="plan")
 def _plan(tmp_path_factory: pytest.TempPathFactory) -> ClimbPlan:
     folder = tmp_path_factory.mktemp("walker")
-    (folder / "climb.yaml").write_text(example_text("climb_walker"))
-    for name, content in example_data("climb_walker").items():
+    (folder / "climb.yaml").write_text(read_example("climb_walker"))
+    for name, content in read_example_data("climb_walker").items():
         (folder / name).write_bytes(content)
     return plan_climb(load_climb(folder / "climb.yaml", SHORT))
 
@@ -44,7 +44,7 @@ def test_model_is_the_robot_of_the_plan(plan: ClimbPlan) -> None:
         data = mujoco.MjData(model)
         assert model.body_mass.sum() == pytest.approx(robot.mass, rel=1e-3)
         gain = model.actuator_gainprm[:, 0].reshape(4, 4)
-        assert gain == pytest.approx(motor_stiffness(robot, own))
+        assert gain == pytest.approx(compute_motor_stiffness(robot, own))
         assert model.actuator_forcerange[:, 1].reshape(4, 4) == pytest.approx(robot.max_torque)
         names = [name for limb in range(4) for name in name_motors(robot, limb)]
         address = [model.joint(name).qposadr[0] for name in names]
@@ -144,6 +144,6 @@ def test_a_joint_that_a_limb_has_not_stays_at_zero(plan: ClimbPlan) -> None:
 
 def test_walkers_are_written_as_shipped(tmp_path: Path) -> None:
     """The example's URDF is the one that tests write."""
-    shipped = example_data("robot_walker")["walker.urdf"].decode()
+    shipped = read_example_data("robot_walker")["walker.urdf"].decode()
     pinned = replace(QUADRUPED, pins=True).text()
     assert shipped.split("<link", 1)[1] == pinned.split("<link", 1)[1]

@@ -15,7 +15,13 @@ from standing_table import HEIGHT, RADIUS, table_urdf, write_table_motion, write
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.simulation.drake import plant as plants
 from climbplan.simulation.drake.exported import read_motion
-from climbplan.simulation.drake.report import failure, headline, lines, report_dict, table
+from climbplan.simulation.drake.report import (
+    build_report,
+    explain_failure,
+    format_lines,
+    format_table,
+    summarise_run,
+)
 from climbplan.simulation.drake.robot_document import write_robot_document
 from climbplan.simulation.drake.settings import Settings
 from climbplan.simulation.drake.simulating import read_stored_urdf, simulate_exported
@@ -37,8 +43,8 @@ def simulate(
     write_table_plan(tmp_path / "plan.h5", urdf or table_urdf(), obstacle=obstacle)
     write_table_motion(tmp_path, **motion)
     run = simulate_exported(tmp_path, tmp_path / "plan.h5", settings, urdf_path, lambda done: None)
-    assert len(table(run).splitlines()) == 1 + len(run.recording.time)
-    return report_dict(run)
+    assert len(format_table(run).splitlines()) == 1 + len(run.recording.time)
+    return build_report(run)
 
 
 def test_a_standing_table_bears_what_is_planned(tmp_path: Path) -> None:
@@ -51,8 +57,8 @@ def test_a_standing_table_bears_what_is_planned(tmp_path: Path) -> None:
     assert report["planned_penetrations"] == report["toes_replaced_by_spheres"] == []
     assert report["gravity_torque_difference"] < 1e-9
     assert report["mass"]["planned_kg"] == pytest.approx(report["mass"]["urdf_kg"])
-    assert failure(report, 0) == ""
-    assert headline(report) == "Drake: stands, 0 slips, 0 lost contacts"
+    assert explain_failure(report, 0) == ""
+    assert summarise_run(report) == "Drake: stands, 0 slips, 0 lost contacts"
 
 
 def test_softer_motors_sink_by_what_springs_say(tmp_path: Path) -> None:
@@ -74,14 +80,14 @@ def test_a_box_that_the_base_rests_on_is_named(tmp_path: Path) -> None:
     touch = report["link_contacts"][0]
     assert (touch["link"], touch["other"]) == ("base", "box")
     assert touch["max_force"] > 30.0
-    assert any("base touches box" in line for line in lines(report))
+    assert any("base touches box" in line for line in format_lines(report))
 
 
 def test_commands_that_bear_nothing_let_it_fall(tmp_path: Path) -> None:
     report = simulate(tmp_path, too_short=0.25, seconds=1.5)
     assert report["fell"]
     assert 0.1 < report["fall_time"] < 1.5
-    assert "falls in Drake" in failure(report, 5)
+    assert "falls in Drake" in explain_failure(report, 5)
 
 
 def test_toes_without_geometry_are_spheres(tmp_path: Path) -> None:
@@ -93,7 +99,7 @@ def test_toes_without_geometry_are_spheres(tmp_path: Path) -> None:
 def test_inertias_that_no_body_has_are_told(tmp_path: Path) -> None:
     report = simulate(tmp_path, urdf=table_urdf().replace('izz="1e-3"', 'izz="5e-3"'), seconds=0.1)
     assert len(report["urdf_warnings"]) == 3
-    assert sum("inertia" in line for line in lines(report)) == 1
+    assert sum("inertia" in line for line in format_lines(report)) == 1
 
 
 def test_without_drake_the_message_says_how_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -102,7 +108,7 @@ def test_without_drake_the_message_says_how_to_install(monkeypatch: pytest.Monke
 
     monkeypatch.setattr(importlib, "import_module", missing)
     with pytest.raises(MissingSolver, match=r"pip install 'climbplan\[drake\]'"):
-        plants.pydrake("common")
+        plants.import_pydrake("common")
 
 
 def test_robots_without_urdf_are_refused(tmp_path: Path) -> None:

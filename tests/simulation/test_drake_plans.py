@@ -12,8 +12,8 @@ from a1_specs import GROUND_TO_WALLS as WALLS
 
 from climbplan.api.second_engine import simulate_in_drake
 from climbplan.cli.app import run
-from climbplan.schema.examples import example_data, example_text
-from climbplan.simulation.drake.report import report_dict
+from climbplan.schema.examples import read_example, read_example_data
+from climbplan.simulation.drake.report import build_report
 from climbplan.simulation.drake.settings import Settings
 
 MAX_END_MM = 15.0  # of the base from its plan, as planned
@@ -51,11 +51,11 @@ def _plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     folder = tmp_path_factory.mktemp("plans")
     short = ("--set", "task.rounds=1", "--set", "task.goal.com=[0,0,0.12]", "--no-report")
     name = "climb_telescope"
-    (folder / f"{name}.yaml").write_text(example_text(name))
-    for file, content in example_data(name).items():
+    (folder / f"{name}.yaml").write_text(read_example(name))
+    for file, content in read_example_data(name).items():
         (folder / file).write_bytes(content)
     command("plan-climb", str(folder / f"{name}.yaml"), "-o", str(folder / name), *short)
-    for file, content in example_data("mpc_hexapod").items():
+    for file, content in read_example_data("mpc_hexapod").items():
         (folder / file).write_bytes(content)
     (folder / "hexapod.yaml").write_text(HEXAPOD)
     command(
@@ -68,7 +68,7 @@ def _plans(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
 
 
 def play(plan: Path, settings: Settings, folder: Path) -> dict[str, Any]:
-    return report_dict(simulate_in_drake(plan, folder, settings, None, lambda stage, done: None))
+    return build_report(simulate_in_drake(plan, folder, settings, None, lambda stage, done: None))
 
 
 def cases() -> Iterator[Any]:

@@ -10,7 +10,7 @@ import pytest
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.simulation.control.odometry import find_trusted_toes
 from climbplan.climb.simulation.control.regulator import Regulator, build_internal_projector
 from climbplan.climb.simulation.replay import simulate
@@ -18,14 +18,14 @@ from climbplan.climb.simulation.worlds.nominal_world import build_nominal_world
 from climbplan.mechanics.stiffness import limb_compliance
 from climbplan.robots.kinematics import rigid_motion
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.conditions import NOMINAL, Conditions, regulated
+from climbplan.simulation.conditions import NOMINAL, Conditions, select_regulator
 
 Planned = Callable[..., ClimbPlan]
 
 
 def test_joints_are_the_default(planned: Planned) -> None:
     assert NOMINAL.regulator is None
-    assert regulated(NOMINAL, planned().robot) == "joints"
+    assert select_regulator(NOMINAL, planned().robot) == "joints"
 
 
 def test_nothing_new_is_corrected_while_a_toe_takes_load(planned: Planned) -> None:
@@ -46,7 +46,9 @@ def test_nothing_new_is_corrected_while_a_toe_takes_load(planned: Planned) -> No
 
 def bent(plan: ClimbPlan) -> Array:
     """(T, N, J) how far joints lag behind commands where all goes as planned."""
-    return np.asarray(true_angles(plan, sample_instants(plan)) - plan.trajectory.joint_command)
+    return np.asarray(
+        compute_true_angles(plan, sample_instants(plan)) - plan.trajectory.joint_command
+    )
 
 
 def test_a_toe_that_presses_too_little_is_moved_on_and_its_own_offset_ends_in_the_air(

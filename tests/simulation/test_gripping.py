@@ -12,7 +12,7 @@ import pytest
 from climbplan.cli.app import run
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.simulation.comparison import compare
@@ -45,7 +45,7 @@ def test_the_linkage_is_the_robots(plan: ClimbPlan) -> None:
     assert isinstance(robot.mechanism, FiveBar)
     model = mujoco.MjModel.from_xml_string(build_mjcf(plan, NOMINAL))
     data = mujoco.MjData(model)
-    angles = true_angles(plan, sample_instants(plan))
+    angles = compute_true_angles(plan, sample_instants(plan))
     for sample in range(0, len(moving.time), 40):
         data.qpos[:3] = moving.com[sample]
         mujoco.mju_mat2Quat(data.qpos[3:7], rotation_world_body(moving.rpy[sample]).ravel())
@@ -62,7 +62,7 @@ def test_the_linkage_is_the_robots(plan: ClimbPlan) -> None:
 
 def test_links_weights_by_differences_are_those_by_axes() -> None:
     plan = plan_climb(load_climb(SPECS / "climb_steps.yaml", ["task.rounds=6"]))
-    angles = true_angles(plan, sample_instants(plan))
+    angles = compute_true_angles(plan, sample_instants(plan))
     rotation = rotation_world_body(plan.trajectory.rpy)
     found = _differentiate_potential(
         plan.robot, rotation, angles, compute_link_mass(plan.robot, NOMINAL)

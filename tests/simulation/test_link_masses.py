@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.simulation.control.feedforward import (
@@ -98,7 +98,7 @@ def test_the_centre_of_mass_moves_as_pinocchios(plan: ClimbPlan, found: UrdfMode
 def test_motors_carry_links_as_pinocchio_says(plan: ClimbPlan, found: UrdfModel) -> None:
     told = compute_gravity_torques(plan, NOMINAL)
     wrench = compute_links_wrench(plan, NOMINAL)
-    angles = true_angles(plan, sample_instants(plan))
+    angles = compute_true_angles(plan, sample_instants(plan))
     model, data = found.model, found.model.createData()
     chain = plan.robot.mechanism
     assert isinstance(chain, SerialChain)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.simulation.control.regulator import JointOdometry
 from climbplan.climb.simulation.replay import simulate
 from climbplan.robots.kinematics import inverse, to_body
@@ -21,7 +21,7 @@ Planned = Callable[..., ClimbPlan]
 def test_planned_angles_tell_the_planned_pose(planned: Planned) -> None:
     plan = planned()
     odometry, moving = JointOdometry(plan), plan.trajectory
-    angles = true_angles(plan, sample_instants(plan))
+    angles = compute_true_angles(plan, sample_instants(plan))
     for sample in range(len(moving.time)):
         com, rotation = odometry.pose(sample, angles[sample])
         assert np.abs(com - moving.com[sample]).max() < 1e-3

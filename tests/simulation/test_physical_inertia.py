@@ -10,8 +10,8 @@ import pytest
 
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.attributes import inertial_of
-from climbplan.simulation.physical_inertia import physical_inertia
+from climbplan.simulation.attributes import write_inertial
+from climbplan.simulation.physical_inertia import repair_inertia
 
 
 def turned(moments: list[float], rng: np.random.Generator) -> Array:
@@ -21,7 +21,7 @@ def turned(moments: list[float], rng: np.random.Generator) -> Array:
 
 def compiled(inertia: Array) -> Array:
     """Principal moments that MuJoCo reads."""
-    xml = inertial_of(0.1, np.zeros(3), inertia, "link")
+    xml = write_inertial(0.1, np.zeros(3), inertia, "link")
     model = f"<mujoco><worldbody><body>{xml}<freejoint/></body></worldbody></mujoco>"
     return np.sort(mujoco.MjModel.from_xml_string(model).body_inertia[1])
 
@@ -49,5 +49,5 @@ def test_what_no_body_can_have_is_repaired_and_told_once(caplog: pytest.LogCaptu
 
 def test_bodies_keep_their_inertia_and_points_get_a_little() -> None:
     inertia = turned([2e-3, 3e-3, 4e-3], np.random.default_rng(2))
-    np.testing.assert_allclose(physical_inertia(inertia, "cube"), inertia, rtol=1e-15)
+    np.testing.assert_allclose(repair_inertia(inertia, "cube"), inertia, rtol=1e-15)
     assert compiled(np.zeros((3, 3)))[0] > 0

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.cli.simulate import Scaled, scaled
+from climbplan.cli.simulate import ScaleOrValue, parse_scale
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.simulation.model.mjcf import build_mjcf
@@ -19,7 +19,11 @@ from climbplan.climb.simulation.statics.engine import build_robot, prepare_steps
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.robots.model import dynamics_of
 from climbplan.simulation.conditions import NOMINAL, Conditions
-from climbplan.simulation.motors import joint_damping, motor_damping, rotor_inertia
+from climbplan.simulation.motors import (
+    compute_joint_damping,
+    compute_motor_damping,
+    compute_rotor_inertia,
+)
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -47,25 +51,25 @@ def test_the_model_has_the_robots_own(plan: ClimbPlan) -> None:
 
 def test_another_armature_leaves_the_controllers_gains(plan: ClimbPlan) -> None:
     own, half = dynamics_of(plan.robot), Conditions(armature=0.5)
-    assert rotor_inertia(plan.robot, half) == pytest.approx(own.rotor_inertia / 2)
-    assert motor_damping(plan.robot, half) == pytest.approx(own.damping)
+    assert compute_rotor_inertia(plan.robot, half) == pytest.approx(own.rotor_inertia / 2)
+    assert compute_motor_damping(plan.robot, half) == pytest.approx(own.damping)
     stated = Conditions(armature_value=0.003)
     assert compiled(plan, stated).dof_armature[6:] == pytest.approx(0.003)
 
 
 def test_damping_scales_gains_and_viscous_friction(plan: ClimbPlan) -> None:
     own = dynamics_of(plan.robot)
-    twice = joint_damping(plan.robot, Conditions(damping=2.0))
+    twice = compute_joint_damping(plan.robot, Conditions(damping=2.0))
     assert twice == pytest.approx(2 * (own.damping + own.viscous_friction))
-    stated = joint_damping(plan.robot, Conditions(damping_value=1.0))
+    stated = compute_joint_damping(plan.robot, Conditions(damping_value=1.0))
     assert stated == pytest.approx(1.0 + own.viscous_friction)
 
 
 def test_quasi_static_steps_have_the_same(plan: ClimbPlan) -> None:
     conditions = Conditions(armature=0.5, damping=2.0)
     machine = build_robot(plan, plan.terrain, prepare_steps(plan, conditions), conditions)
-    assert machine.armature == pytest.approx(rotor_inertia(plan.robot, conditions))
-    assert machine.damping == pytest.approx(joint_damping(plan.robot, conditions))
+    assert machine.armature == pytest.approx(compute_rotor_inertia(plan.robot, conditions))
+    assert machine.damping == pytest.approx(compute_joint_damping(plan.robot, conditions))
 
 
 def test_plan_files_keep_them_and_those_without_are_read(plan: ClimbPlan, tmp_path: Path) -> None:
@@ -93,8 +97,8 @@ def test_rotors_without_inertia_are_refused(plan: ClimbPlan, tmp_path: Path) -> 
 
 
 def test_a_command_line_gives_a_factor_or_a_value() -> None:
-    assert scaled("--armature", "0.5") == Scaled(factor=0.5)
-    assert scaled("--armature", "=0.003") == Scaled(value=0.003)
+    assert parse_scale("--armature", "0.5") == ScaleOrValue(factor=0.5)
+    assert parse_scale("--armature", "=0.003") == ScaleOrValue(value=0.003)
     for text in ("-1", "=", "twice", "nan", "=-0.1"):
         with pytest.raises(UsageError, match=f"--damping {text}: expected a factor"):
-            scaled("--damping", text)
+            parse_scale("--damping", text)

@@ -19,8 +19,8 @@ from climbplan.climb.transition.planner import plan_transition
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
-from climbplan.simulation.measures import planned_tilt
-from climbplan.simulation.motors import motor_stiffness
+from climbplan.simulation.measures import compute_tilt
+from climbplan.simulation.motors import compute_motor_stiffness
 from climbplan.terrain.surfaces import Region, Tube
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -39,7 +39,7 @@ def test_model_is_the_robot_of_the_data(planned: Planned, mujoco) -> None:  # ty
     data = mujoco.MjData(model)
     assert model.body_mass.sum() == pytest.approx(robot.mass, rel=1e-3)
     assert model.actuator_gainprm[:, 0].reshape(6, 3) == pytest.approx(
-        motor_stiffness(robot, conditions)
+        compute_motor_stiffness(robot, conditions)
     )
     assert model.actuator_forcerange[:, 1].reshape(6, 3) == pytest.approx(robot.max_torque)
     rng = np.random.default_rng(0)
@@ -192,5 +192,5 @@ def test_regulator_levels_a_body_that_hangs_askew(planned: Planned) -> None:
     for what in ("nothing", "attitude"):
         run = simulate(askew, Conditions(regulator=what))
         wanted = rotation_world_body(plan.trajectory.rpy[: run.samples])
-        tilt[what] = float(np.median(planned_tilt(run.rotation, wanted)))
+        tilt[what] = float(np.median(compute_tilt(run.rotation, wanted)))
     assert tilt["attitude"] < 0.5 * tilt["nothing"]

@@ -13,13 +13,13 @@ from example_climb import Climb
 
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.file import write_climb
-from climbplan.reports.page_parts import check_rows, verdict
-from climbplan.verification.check import Check, LeftOut, judge, not_compared, unjudged
-from climbplan.verification.verification import Verification, mark_verified, stored_differences
+from climbplan.reports.page_parts import build_check_rows, summarise_verification
+from climbplan.verification.check import Check, LeftOut, judge, mark_not_compared, mark_unjudged
+from climbplan.verification.verification import Verification, find_stored_differences, mark_verified
 
 GOOD = judge("force.friction", -0.1)
 BAD = judge("force.friction", 0.1)
-OFF = unjudged(judge("static.pose", 0.02), "linear model", "linear sag", "off by {figure}")
+OFF = mark_unjudged(judge("static.pose", 0.02), "linear model", "linear sag", "off by {figure}")
 
 
 def test_each_check_has_one_of_three_marks() -> None:
@@ -34,8 +34,11 @@ def test_tables_have_the_marks_failed_checks_first() -> None:
     lines = Verification((GOOD, OFF, BAD)).table().splitlines()
     assert ["FAILED" in lines[1], "not judged" in lines[2], " ok" in lines[3]] == [True] * 3
     report = {"verification": [check.as_dict() for check in (GOOD, OFF)]}
-    assert [row.mark for row in check_rows(report, {})] == ["not judged", "passed"]
-    assert verdict(report) == "All 1 checks passed that are judged; not judged: static.pose."
+    assert [row.mark for row in build_check_rows(report, {})] == ["not judged", "passed"]
+    assert (
+        summarise_verification(report)
+        == "All 1 checks passed that are judged; not judged: static.pose."
+    )
 
 
 def test_badge_is_plain_only_where_nothing_is_left_out() -> None:
@@ -70,14 +73,16 @@ def test_the_level_says_what_to_do_in_one_sentence() -> None:
 
 
 def test_what_holds_without_being_asked_leaves_nothing_out() -> None:
-    holds = unjudged(judge("static.pose", 1e-9), "linear model", "linear sag", "off by {figure}")
+    holds = mark_unjudged(
+        judge("static.pose", 1e-9), "linear model", "linear sag", "off by {figure}"
+    )
     assert holds.mark == "not judged"
     assert Verification((holds,)).badge == "verified"
 
 
 @pytest.mark.parametrize("residual", [np.nan, np.inf])
 def test_a_figure_that_is_no_number_does_not_hold(residual: float) -> None:
-    lost = unjudged(judge("static.pose", residual), "linear model", "linear sag", "off")
+    lost = mark_unjudged(judge("static.pose", residual), "linear model", "linear sag", "off")
     assert Verification((lost,)).badge == "verified in its model (linear sag)"
     assert lost.as_dict()["residual"] is None
 
@@ -88,7 +93,7 @@ def test_what_the_file_alone_does_not_tell_is_not_judged(original: Path) -> None
     (robot,) = (check for check in found.checks if check.name == "robot.spec")
     assert robot.mark == "not judged"
     assert found.badge == "verified in its model (robot as stored)"
-    assert not_compared(GOOD, "why", "model", "words").left_out == LeftOut("model", "words")
+    assert mark_not_compared(GOOD, "why", "model", "words").left_out == LeftOut("model", "words")
 
 
 def test_commands_off_their_surfaces_are_told_where_nothing_is_asked(original: Path) -> None:
@@ -139,14 +144,14 @@ def test_attributes_that_verification_does_not_give_are_told(
 ) -> None:
     found = verify(plan_file)
     mark_verified(plan_file, found)
-    assert stored_differences(plan_file, found) == ()
+    assert find_stored_differences(plan_file, found) == ()
     with h5py.File(plan_file, "r+") as file:
         file.attrs[name] = value
-    (difference,) = stored_differences(plan_file, found)
+    (difference,) = find_stored_differences(plan_file, found)
     assert difference.startswith(f"attribute `{name}` of the file is ")
     with h5py.File(plan_file, "r+") as file:
         del file.attrs[name]
-    assert stored_differences(plan_file, found) == ()
+    assert find_stored_differences(plan_file, found) == ()
 
 
 def test_verification_says_which_spec_it_held_the_plan_against(

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.store.dataset import Dataset, DatasetFrame, solution_layout
+from climbplan.store.dataset import Dataset, DatasetFrame, build_solution_layout
 from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
-from climbplan.store.dataset_statistics import statistics, statistics_lines
+from climbplan.store.dataset_statistics import compute_statistics, format_statistics
 
 FRAME = DatasetFrame(
     kind="toy",
@@ -21,7 +21,7 @@ FRAME = DatasetFrame(
     facts={"size": 2, "shelf": {"left": -0.1}},
     parameter_names=("a", "b"),
     integer_names=("sign",),
-    layouts={"x": solution_layout((3,), "m"), "y": solution_layout((), kind="int")},
+    layouts={"x": build_solution_layout((3,), "m"), "y": build_solution_layout((), kind="int")},
     objective_unit="mm^2",
 )
 
@@ -94,10 +94,10 @@ def test_masks_are_kept(path: Path) -> None:
 def test_rows_and_joined() -> None:
     data = example()
     parts = [data.rows(np.array([0, 1, 2])), data.rows(np.array([3, 4, 5]))]
-    assert_equal(Dataset.joined(parts), data)
+    assert_equal(Dataset.join(parts), data)
     other = replace(data, frame=replace(FRAME, facts={"size": 3, "shelf": {"left": -0.1}}))
     with pytest.raises(UsageError, match="another size: 3, expected 2"):
-        Dataset.joined([data, other])
+        Dataset.join([data, other])
 
 
 def test_equal_problems_have_equal_hashes() -> None:
@@ -110,13 +110,13 @@ def test_equal_problems_have_equal_hashes() -> None:
 
 
 def test_statistics() -> None:
-    figures = statistics(example())
+    figures = compute_statistics(example())
     assert figures["rows"]["answered"] == 4
     assert figures["rows"]["not_drawn"] == 1
     assert figures["cost"]["mean"] == 2.5
     assert figures["strategies"]["distinct"] == 2
     assert figures["reasons"] == {"too wide": 1, "sampler: no": 1}
-    lines = statistics_lines(example())
+    lines = format_statistics(example())
     assert any(line.endswith("3 optimal, 1 feasible, 1 infeasible, 1 failed") for line in lines)
 
 

@@ -19,7 +19,7 @@ from climbplan.errors import UsageError
 from climbplan.reports.report_files import write_files
 from climbplan.store.csv_file import write_csv
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_writing import amended_store, new_store, write_dataset
+from climbplan.store.hdf5_writing import create_store, update_store, write_dataset
 
 SIZE = 256  # [KiB] of the disk
 ROWS = Layout(("n",))
@@ -44,17 +44,17 @@ def disk(tmp_path: Path) -> Iterator[Path]:
 
 
 def _numbers(path: Path) -> None:
-    with new_store(path) as file:
+    with create_store(path) as file:
         write_dataset(file, "a", np.random.default_rng(0).random(10**5), ROWS)
 
 
 def _compressed(path: Path) -> None:
-    with new_store(path) as file:
+    with create_store(path) as file:
         write_dataset(file, "a", np.random.default_rng(0).random(10**5), ROWS, compressed=True)
 
 
 def _texts(path: Path) -> None:
-    with new_store(path) as file:
+    with create_store(path) as file:
         write_dataset(file, "t", ["x" * 1000] * 1000, TEXTS)
 
 
@@ -94,13 +94,13 @@ def test_files(disk: Path, name: str) -> None:
 def test_marks_of_verification(disk: Path) -> None:
     """A plan that just fits is changed, or stays what it was."""
     path = disk / "plan.h5"
-    with new_store(path) as file:
+    with create_store(path) as file:
         write_dataset(file, "a", np.random.default_rng(0).random(20_000), ROWS)
         file.attrs["verified"] = False
     before = path.read_bytes()
     with (
         pytest.raises(UsageError, match=r"plan.h5: cannot be written: No space left"),
-        amended_store(path) as file,
+        update_store(path) as file,
     ):
         file.attrs["verified"] = True
     assert path.read_bytes() == before
@@ -175,7 +175,7 @@ def test_a_plan_on_a_full_disk_is_read(
 ) -> None:
     """Reading writes nothing."""
     path = disk / "plan.h5"
-    with new_store(path) as file:
+    with create_store(path) as file:
         file.attrs["format"] = "climbplan/none"
     (disk / "filler").write_bytes(b"x" * (os.statvfs(disk).f_bavail * 4096))
     first, *options = command.split()

@@ -13,9 +13,9 @@ import pytest
 
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.program import Problem, Program
-from climbplan.store.plan_format import plan_format
+from climbplan.store.plan_format import read_plan_format
 from climbplan.store.program_file import read_program, write_program
-from climbplan.store.program_plan import Layouts, ProgramPlan, overall_status
+from climbplan.store.program_plan import Layouts, ProgramPlan, combine_statuses
 from climbplan.verification.programs import verify_file, verify_program
 
 SPEC = """kind: program
@@ -66,7 +66,7 @@ def example() -> ProgramPlan:
 def test_round_trip(tmp_path: Path) -> None:
     plan, path = example(), tmp_path / "plan.h5"
     write_program(plan, path)
-    assert plan_format(path) == "climbplan/program"
+    assert read_plan_format(path) == "climbplan/program"
     back = read_program(path)
     for name, value in vars(plan).items():
         if isinstance(value, np.ndarray):
@@ -82,10 +82,10 @@ def test_round_trip(tmp_path: Path) -> None:
 
 
 def test_one_status_for_all_rows() -> None:
-    assert overall_status(["optimal", "optimal"]) == "optimal"
-    assert overall_status(["optimal", "feasible"]) == "feasible"
-    assert overall_status(["infeasible"]) == "infeasible"
-    assert overall_status(["optimal", "infeasible"]) == "limit"
+    assert combine_statuses(["optimal", "optimal"]) == "optimal"
+    assert combine_statuses(["optimal", "feasible"]) == "feasible"
+    assert combine_statuses(["infeasible"]) == "infeasible"
+    assert combine_statuses(["optimal", "infeasible"]) == "limit"
 
 
 def test_verification_with_and_without_the_statement() -> None:

@@ -11,10 +11,10 @@ from scipy.interpolate import CubicHermiteSpline
 
 from climbplan.errors import SpecError
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.schema.robots.leg_pairs import in_pairs
+from climbplan.schema.robots.leg_pairs import order_in_pairs
 from climbplan.walking.check.checker import check_trajectory, format_failures
-from climbplan.walking.check.speed import compute_leg_speeds
 from climbplan.walking.check.reference_dynamics import euler_rates
+from climbplan.walking.check.speed import compute_leg_speeds
 from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
 from climbplan.walking.plan.swing_trajectory import quartic_arch, quintic_progress
 from climbplan.walking.plan.walk_plan import WalkPlan
@@ -105,8 +105,8 @@ def test_legs_are_in_pairs(tmp_path: Path, changed: str, words: str) -> None:
 
 def test_pairs_by_place() -> None:
     places = [[0.0, -1.0], [1.0, 1.0], [1.1, -1.0], [0.0, 1.0]]
-    assert in_pairs(places) == [1, 2, 3, 0]
-    assert in_pairs([*places[:3], [2.0, -1.0]]) is None
+    assert order_in_pairs(places) == [1, 2, 3, 0]
+    assert order_in_pairs([*places[:3], [2.0, -1.0]]) is None
 
 
 def test_its_joints_turn_no_faster_than_they_can(plan: WalkPlan) -> None:

@@ -14,7 +14,7 @@ from climbplan.datasets.work import make_row
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.store.dataset import Dataset
 from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
-from climbplan.store.dataset_row import dataset_of
+from climbplan.store.dataset_row import build_dataset
 from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.online.dataset_rows import WalkRows, read_frame_task, read_walk
 from climbplan.walking.online.features import feature_count
@@ -47,7 +47,7 @@ def walks() -> Dataset:
     again = make_row(WalkRows(SPEC, load_body("scaler")), 3, 1)
     assert again.answer.objective == rows[1].answer.objective
     assert np.array_equal(again.parameters, rows[1].parameters)
-    return dataset_of(source.frame, rows)
+    return build_dataset(source.frame, rows)
 
 
 def test_rows_hold_walks_from_their_starts(walks: Dataset) -> None:
@@ -102,7 +102,7 @@ WORLDS = SPEC.model_copy(update={"world": RANGES})
 @pytest.fixture(scope="module")
 def worlds() -> Dataset:
     source = WalkRows(WORLDS, load_body("scaler"))
-    return dataset_of(source.frame, [make_row(source, 3, index) for index in range(3)])
+    return build_dataset(source.frame, [make_row(source, 3, index) for index in range(3)])
 
 
 def test_walks_in_worlds_of_their_own_are_read_back(worlds: Dataset, tmp_path: Path) -> None:

@@ -17,7 +17,7 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.schema.robots.ranges import LENGTH, MASS, SPEED, STIFFNESS, THICKNESS, TORQUE
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
-from climbplan.verification.check import Check, faults_check, judge
+from climbplan.verification.check import Check, check_faults, judge
 
 _PLANE_TOLERANCE = 1e-6  # [m] and as a difference of unit normals
 _MIN_AREA = 1e-8  # [m^2]
@@ -33,7 +33,7 @@ def check_spec_hash(plan: ClimbPlan) -> Check:
 
 def check_finite(not_finite: Sequence[str]) -> Check:
     """Check that there is no NaN, and infinity only as a safety factor."""
-    return faults_check("file.finite", not_finite)
+    return check_faults("file.finite", not_finite)
 
 
 _MAX_DISTANCE = 10 * LENGTH.high  # [m] of a part of a robot from its body
@@ -41,7 +41,7 @@ _MAX_DISTANCE = 10 * LENGTH.high  # [m] of a part of a robot from its body
 
 def check_robot(robot: Robot) -> Check:
     """Check lengths, masses, torques and stiffnesses against plausible ranges."""
-    return faults_check("robot.data", list(_find_robot_faults(robot)))
+    return check_faults("robot.data", list(_find_robot_faults(robot)))
 
 
 def check_terrain(terrain: Terrain, robot: Robot) -> Check:
@@ -54,7 +54,7 @@ def check_terrain(terrain: Terrain, robot: Robot) -> Check:
             for index, surface in enumerate(terrain.surfaces)
             if terrain.allowed[:, index].any() and abs(surface.standoff - radius) > _PLANE_TOLERANCE
         ]
-    return faults_check("terrain.data", faults)
+    return check_faults("terrain.data", faults)
 
 
 def check_limits(limits: StepLimits) -> Check:
@@ -82,7 +82,7 @@ def check_limits(limits: StepLimits) -> Check:
         )
         if not value >= 0
     ]
-    return faults_check("limits.data", faults)
+    return check_faults("limits.data", faults)
 
 
 def _find_robot_faults(robot: Robot) -> Iterator[str]:

@@ -78,7 +78,7 @@ def check_grips_in_motion(
     force_error = np.linalg.norm(force - grips.trajectory_force, axis=-1) / subject.weight
     yield judge_worst("trajectory.contact_force", force_error, describe_place)
     grip_force = grips.trajectory.grip
-    idle_grip = np.where(standing, 0.0, np.abs(grips.trajectory.packed).max(axis=-1))
+    idle_grip = np.where(standing, 0.0, np.abs(grips.trajectory.packed_array).max(axis=-1))
     yield judge_worst(
         "trajectory.gripping",
         np.maximum(np.maximum(grip_force - gripper.max_force, -grip_force), idle_grip),

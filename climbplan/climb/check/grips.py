@@ -24,7 +24,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.grips import GripPlan
 from climbplan.robots.gripper import WRIST_JOINTS, Gripper
 from climbplan.terrain.surfaces import Region
-from climbplan.verification.check import Check, faults_check, judge_worst
+from climbplan.verification.check import Check, check_faults, judge_worst
 
 _REPORTED_CLEARANCE = 0.02  # [m] room up to which it is measured
 
@@ -117,7 +117,7 @@ def check_gripper_data(plan: ClimbPlan) -> Check:
             and plan.terrain.allowed[:, index].any()
             and abs(surface.standoff - gripper.length) > 1e-6
         ]
-    return faults_check("grip.data", faults)
+    return check_faults("grip.data", faults)
 
 
 def check_grips(subject: Subject) -> Iterator[Check]:
@@ -177,7 +177,7 @@ def _check_gripping_force(
         used=force / limit if limit > 0 else np.zeros_like(force),
     )
     # Without contact nothing is left at all
-    packed = grips.instants.packed
+    packed = grips.instants.packed_array
     residual_grip = np.where(contact, 0.0, np.abs(packed).max(axis=-1))
     moment_norm = np.linalg.norm(grips.instants.moment, axis=-1)
     yield judge_worst(

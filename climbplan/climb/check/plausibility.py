@@ -15,9 +15,9 @@ from climbplan.robots.joint_units import format_joint_position, stiffness_unit, 
 from climbplan.robots.model import Robot
 from climbplan.terrain.surfaces import Region
 from climbplan.verification.plausibility import (
-    implausible_force,
-    implausible_friction,
-    implausible_gravity,
+    warn_of_force,
+    warn_of_friction,
+    warn_of_gravity,
 )
 
 # A joint at the limb's full length holds a walking robot once or twice, a climber less than once.
@@ -53,7 +53,7 @@ def find_implausible_values(plan: ClimbPlan) -> tuple[str, ...]:
 
 def _warn_of_robot(robot: Robot) -> Iterator[str]:
     """Yield warnings of implausible robot data."""
-    yield from implausible_gravity(robot.gravity)
+    yield from warn_of_gravity(robot.gravity)
     has_joint = robot.has_joint
     length = np.where(has_joint, robot.longest_links, 0.0).sum(axis=1)
     arm = float(length.max(initial=0.0))
@@ -143,7 +143,7 @@ def _warn_of_terrain(plan: ClimbPlan) -> Iterator[str]:
         surface = plan.terrain.surfaces[int(number)]
         # Grips hold by their spines; what their holds say of friction is told by the grip's model.
         if not (isinstance(surface, Region) and surface.hold is not None):
-            yield from implausible_friction(surface.name, surface.friction)
+            yield from warn_of_friction(surface.name, surface.friction)
 
 
 def _warn_of_loads(plan: ClimbPlan) -> Iterator[str]:
@@ -153,7 +153,7 @@ def _warn_of_loads(plan: ClimbPlan) -> Iterator[str]:
     k, limb = (int(i) for i in np.unravel_index(int(np.argmax(size)), size.shape))
     external_force = float(np.linalg.norm(instants.external_wrench[:, :3], axis=1).max(initial=0.0))
     place = f" ({robot.limb_names[limb]}, {instants.label(k, robot.limb_names)})"
-    yield from implausible_force(float(size[k, limb]), robot.weight + external_force, place)
+    yield from warn_of_force(float(size[k, limb]), robot.weight + external_force, place)
 
 
 def _warn_of_deflections(plan: ClimbPlan) -> Iterator[str]:

@@ -17,7 +17,7 @@ from climbplan.climb.check.anew.static_pose import StaticEquilibrium
 from climbplan.climb.check.grips import compute_friction_reserve, find_max_pull
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.schema.margins import MarginsSpec
-from climbplan.verification.check import Check, judge_worst, unjudged
+from climbplan.verification.check import Check, judge_worst, mark_unjudged
 
 KEPT_FRACTION = 0.95  # part of a margin that counts as kept; the rest is rounding and arcs of limbs
 _MIN_MU = 1e-9  # least friction coefficient divided by
@@ -115,4 +115,4 @@ def _mark_fragile(check: Check) -> Check:
     place_text = place or check.worst_at
     subject = "stiffness of the body: " if check.name == "robust.stiffness" else ""
     fragility_text = f"{place_text}: {subject}{check.margin}"
-    return replace(unjudged(check, "a margin, kept where it can be"), fragile=fragility_text)
+    return replace(mark_unjudged(check, "a margin, kept where it can be"), fragile=fragility_text)

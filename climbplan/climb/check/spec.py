@@ -28,8 +28,8 @@ from climbplan.schema.holding import HeldSpec
 from climbplan.schema.kinds import validate
 from climbplan.schema.robots.source import AnyRobot
 from climbplan.schema.yaml_source import parse_yaml
-from climbplan.verification.check import Check, judge, judge_worst, unjudged
-from climbplan.verification.differences import Difference, apart, same
+from climbplan.verification.check import Check, judge, judge_worst, mark_unjudged
+from climbplan.verification.differences import Difference, check_equality, measure_difference
 
 if TYPE_CHECKING:
     from climbplan.climb.schema.transition import TransitionSpec
@@ -64,7 +64,7 @@ def check_penetration(subject: Subject, required: float | None) -> Check:
     if required is not None or check.passed:
         return check
     # Nothing is left out of the plan: what friction has to hold is judged by the static checks.
-    return unjudged(check, "force.min_penetration is not asked")
+    return mark_unjudged(check, "force.min_penetration is not asked")
 
 
 def _format_min_depth(depth: np.ndarray) -> str:
@@ -147,34 +147,36 @@ def _validate_text(text: str, kind: str) -> ClimbSpec | TransitionSpec | str:
 def _compare_task(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Iterator[Difference]:
     """Yield the differences between the task of the spec and the plan."""
     task, rounds, names = spec.task, plan.rounds, plan.robot.limb_names
-    yield same("seed", plan.seed == spec.seed)
+    yield check_equality("seed", plan.seed == spec.seed)
     num_rounds = task.rounds if isinstance(spec, ClimbSpec) else spec.all_rounds
     last_goal = _select_last_goal(spec)
-    yield same("task.rounds", rounds.count == num_rounds)
-    yield apart("task.start.com", rounds.com[0], task.start.com)
-    yield apart("task.start.rpy_deg", rounds.rpy[0], np.deg2rad(task.start.rpy_deg))
-    yield apart("task.goal.com", plan.limits.goal_com, last_goal.com)
-    yield apart("task.goal.rpy_deg", plan.limits.goal_rpy, np.deg2rad(last_goal.rpy_deg))
+    yield check_equality("task.rounds", rounds.count == num_rounds)
+    yield measure_difference("task.start.com", rounds.com[0], task.start.com)
+    yield measure_difference("task.start.rpy_deg", rounds.rpy[0], np.deg2rad(task.start.rpy_deg))
+    yield measure_difference("task.goal.com", plan.limits.goal_com, last_goal.com)
+    yield measure_difference(
+        "task.goal.rpy_deg", plan.limits.goal_rpy, np.deg2rad(last_goal.rpy_deg)
+    )
     for key, posture, toes in (
         ("task.start.toes", task.start, rounds.toes[0]),
         ("task.goal.toes", last_goal, plan.limits.goal_toes),
     ):
         for name, toe in posture.toes.items():
             if name not in names:
-                yield same(f"{key}.{name}", False)
+                yield check_equality(f"{key}.{name}", False)
                 continue
             yield _compare_stated_toe(f"{key}.{name}", plan, names.index(name), toes, toe)
 
     gait = reconstruct_gait(plan)
     if isinstance(spec, ClimbSpec):
         order = [names[i] for i in gait.order()[: len(names)]]
-        yield same("task.gait", order == list(spec.task.gait or names))
+        yield check_equality("task.gait", order == list(spec.task.gait or names))
     if not isinstance(spec, ClimbSpec):
         yield from _compare_transition(plan, spec, gait)
     stood = rounds.toes[gait.foothold_round[::2], np.arange(len(names))]
     lifts = plan.instants.toes[::2] - stood
     height = np.linalg.norm(lifts[plan.instants.lifted[::2]], axis=-1)
-    yield apart(
+    yield measure_difference(
         "trajectory.swing_clearance", height, np.full_like(height, spec.trajectory.swing_clearance)
     )
     span = plan.trajectory.time[-1] - plan.trajectory.time[0]
@@ -189,7 +191,9 @@ def _compare_task(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Iterator
     arms = np.array(task.payload.offset) @ compute_body_axes(plan.instants.rpy)
     load[:, :3] += weight
     load[:, 3:] += np.cross(arms, weight)
-    yield apart("task.payload, task.external_wrench", plan.instants.external_wrench, load)
+    yield measure_difference(
+        "task.payload, task.external_wrench", plan.instants.external_wrench, load
+    )
 
 
 def _compare_stated_toe(
@@ -200,9 +204,11 @@ def _compare_stated_toe(
     """
     toe, point = toes[limb], np.array(stated)
     if plan.robot.foot is None:
-        return apart(key, toe, point)
+        return measure_difference(key, toe, point)
     differences = [
-        apart(key, toe + plan.robot.foot.radius * -compute_normals(surface, toe[None])[0], point)
+        measure_difference(
+            key, toe + plan.robot.foot.radius * -compute_normals(surface, toe[None])[0], point
+        )
         for surface, is_allowed in zip(
             plan.terrain.surfaces, plan.terrain.allowed[limb], strict=True
         )
@@ -222,10 +228,10 @@ def _compare_transition(plan: ClimbPlan, spec: TransitionSpec, gait: Gait) -> It
     first = gait.round <= task.rounds
     moving_limbs = gait.moving_limbs[first]
     counts = tuple(int(n) for n in moving_limbs.sum(axis=1))
-    yield same("task.sequence", task.moving in ((), counts))
+    yield check_equality("task.sequence", task.moving in ((), counts))
     if task.limbs:
         moved_names = [{names[i] for i in np.flatnonzero(step)} for step in moving_limbs]
-        yield same("task.sequence", moved_names == [set(limbs) for limbs in task.limbs])
+        yield check_equality("task.sequence", moved_names == [set(limbs) for limbs in task.limbs])
     num_supporting = len(names) - max(counts, default=0)
     yield Difference(
         "task.min_supporting_limbs", float(max(task.min_supporting_limbs - num_supporting, 0))
@@ -238,9 +244,11 @@ def _compare_transition(plan: ClimbPlan, spec: TransitionSpec, gait: Gait) -> It
         yield Difference(f"task.step_max.{name}", max(size - largest, 0.0))
     if spec.climb is None:
         return
-    yield apart("task.goal.com", rounds.com[at_end], task.goal.com)
+    yield measure_difference("task.goal.com", rounds.com[at_end], task.goal.com)
     for name, toe in task.goal.toes.items():
-        yield apart(f"task.goal.toes.{name}", transition_toes[-1, names.index(name)], toe)
+        yield measure_difference(
+            f"task.goal.toes.{name}", transition_toes[-1, names.index(name)], toe
+        )
     climb = spec.climb.posture.steps
     pose = np.diff(np.hstack([rounds.com, rounds.rpy])[at_end:], axis=0)
     toes = np.linalg.norm(np.diff(rounds.toes[at_end:], axis=0), axis=-1)
@@ -254,7 +262,7 @@ def _compare_transition(plan: ClimbPlan, spec: TransitionSpec, gait: Gait) -> It
     order = [names[i] for i in gait.order()[~first]]
     single = (gait.moving_limbs[~first].sum(axis=1) == 1).all()
     gaits = list(spec.climb.gait or names) * spec.climb.rounds
-    yield same("climb.gait", bool(single) and order == gaits)
+    yield check_equality("climb.gait", bool(single) and order == gaits)
 
 
 def _compare_limits(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Iterator[Difference]:
@@ -263,15 +271,15 @@ def _compare_limits(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Iterat
     normal = np.einsum("kni,kni->kn", plan.forces.force, plan.instants.normal)
     shortfall = spec.force.min_normal_force - normal[plan.instants.contact].min(initial=np.inf)
     is_pressed = spec.force.min_normal_force == 0 or shortfall <= 1e-6 * plan.robot.weight
-    yield same("force.min_normal_force", bool(is_pressed))
+    yield check_equality("force.min_normal_force", bool(is_pressed))
     deflection = plan.forces.com_deflection
-    yield same(
+    yield check_equality(
         "force.deflection_compensation",
         spec.force.deflection_compensation == "predicted" or not deflection.any(),
     )
     bounds = _collect_bounds(spec)
     for name, key in BOUNDS.items():
-        yield apart(key, vars(plan.limits)[name], bounds[name])
+        yield measure_difference(key, vars(plan.limits)[name], bounds[name])
 
 
 # Bounds that a plan stores, and the keys of the spec that ask for them
@@ -314,11 +322,11 @@ def _compare_gripping(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Iter
     if gripper is None or plan.grips is None:
         return
     if not isinstance(spec, ClimbSpec):
-        yield same("robot: grippers", False)
+        yield check_equality("robot: grippers", False)
         return
-    yield apart("gripper.risk", plan.grips.risk, spec.gripper.risk)
+    yield measure_difference("gripper.risk", plan.grips.risk, spec.gripper.risk)
     if spec.gripper.max_force is not None:
-        yield apart("gripper.max_force", gripper.max_force, spec.gripper.max_force)
+        yield measure_difference("gripper.max_force", gripper.max_force, spec.gripper.max_force)
 
 
 def _check_objective(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec) -> Check:

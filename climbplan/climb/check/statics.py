@@ -22,7 +22,7 @@ from climbplan.climb.check.soles import split_pressure_shear
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.schema.margins import MarginsSpec
 from climbplan.robots.joint_units import format_largest_torques
-from climbplan.verification.check import Check, judge_worst, unjudged
+from climbplan.verification.check import Check, judge_worst, mark_unjudged
 
 LINEAR_MODEL = "force.deflection_compensation: predicted is a linear model"
 MODEL_NAME = "linear sag"  # of the badge
@@ -48,7 +48,7 @@ def check_statics(subject: Subject, margins: MarginsSpec | None = None) -> Itera
 
 def mark_linear_model(check: Check) -> Check:
     """Mark a check of exact springs as informational, in a plan that follows the linear model."""
-    return unjudged(
+    return mark_unjudged(
         check, LINEAR_MODEL, MODEL_NAME, SHORTCOMINGS.get(check.name, f"{check.name} {{figure}}")
     )
 

@@ -15,7 +15,7 @@ from climbplan.schema.terrain.panel import HoldSpec, PanelSpec
 from climbplan.schema.terrain.terrain import BoxSpec, GroundSpec, RegionSpec, SolidSpec, WallsSpec
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Surface, Tube
-from climbplan.verification.differences import Difference, apart, same
+from climbplan.verification.differences import Difference, check_equality, measure_difference
 
 
 def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
@@ -33,8 +33,8 @@ def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
         *(r.name for r in terrain_spec.regions),
     ]
     stored = [surface.name for surface in terrain.surfaces]
-    yield same("terrain: surfaces", stored == names)
-    yield same(
+    yield check_equality("terrain: surfaces", stored == names)
+    yield check_equality(
         "terrain.obstacles: names",
         [s.name for s in terrain.obstacles]
         == [*(s.name for s in terrain_spec.obstacles), *(box.name for box in terrain_spec.boxes)],
@@ -46,7 +46,7 @@ def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
 
     if terrain_spec.tube is not None:
         tube = terrain.surfaces[by_name["tube"]]
-        yield same("terrain.tube", isinstance(tube, Tube))
+        yield check_equality("terrain.tube", isinstance(tube, Tube))
         if isinstance(tube, Tube):
             stored_tube = (*tube.center, tube.wall, tube.lower, tube.upper, tube.friction)
             stated_tube = (
@@ -55,7 +55,7 @@ def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
                 *terrain_spec.tube.up,
                 terrain_spec.friction,
             )
-            yield apart("terrain.tube", stored_tube, stated_tube)
+            yield measure_difference("terrain.tube", stored_tube, stated_tube)
     if terrain_spec.walls is not None:
         for side, name in ((-1, "left"), (1, "right")):
             surface = terrain.surfaces[by_name[name]]
@@ -67,9 +67,9 @@ def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
                 if terrain_spec.walls.friction is None
                 else terrain_spec.walls.friction
             )
-            yield apart("terrain.friction", surface.friction, wall_friction)
+            yield measure_difference("terrain.friction", surface.friction, wall_friction)
             is_allowed = [where in (name, "any") for where in plan.robot.sides]
-            yield apart(
+            yield measure_difference(
                 f"terrain.walls: {name}, limbs", terrain.allowed[:, by_name[name]], is_allowed
             )
     level_surfaces: list[tuple[str, str, Array, GroundSpec | BoxSpec]] = []
@@ -85,10 +85,10 @@ def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
         surface = terrain.surfaces[by_name[name]]
         yield _compare_corners(key, surface, corners)
         friction = terrain_spec.friction if level.friction is None else level.friction
-        yield apart(f"{key}.friction", surface.friction, friction)
+        yield measure_difference(f"{key}.friction", surface.friction, friction)
         limbs_allowed = level.limbs if isinstance(level, BoxSpec) else None
         is_allowed = [limbs_allowed is None or limb in limbs_allowed for limb in limbs]
-        yield apart(f"{key}.limbs", terrain.allowed[:, by_name[name]], is_allowed)
+        yield measure_difference(f"{key}.limbs", terrain.allowed[:, by_name[name]], is_allowed)
     if panel is not None:
         yield from _compare_panel(plan, panel, terrain_spec.friction)
     for number, region in enumerate(terrain_spec.regions):
@@ -96,9 +96,11 @@ def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
         surface = terrain.surfaces[by_name[region.name]]
         yield _compare_corners(key, surface, _build_region_corners(region))
         friction = terrain_spec.friction if region.friction is None else region.friction
-        yield apart(f"{key}.friction", surface.friction, friction)
+        yield measure_difference(f"{key}.friction", surface.friction, friction)
         is_allowed = [region.limbs is None or name in region.limbs for name in limbs]
-        yield apart(f"{key}.limbs", terrain.allowed[:, by_name[region.name]], is_allowed)
+        yield measure_difference(
+            f"{key}.limbs", terrain.allowed[:, by_name[region.name]], is_allowed
+        )
         yield _compare_region_hold(key, surface, region)
     boxes = [SolidSpec(name=b.name, lower=b.lower, upper=b.upper) for b in terrain_spec.boxes]
     yield from _compare_solids(
@@ -115,7 +117,7 @@ def _compare_solids(
     if free:
         key = "terrain.free_regions"
         choices = terrain.free_choices
-        yield same(key, len(choices) == 1 and len(choices[0]) == len(free))
+        yield check_equality(key, len(choices) == 1 and len(choices[0]) == len(free))
         for number, (space, spec) in enumerate(
             zip(itertools.chain(*choices[:1]), free, strict=False)
         ):
@@ -124,7 +126,7 @@ def _compare_solids(
 
 def _compare_support(key: str, A: Array, b: Array, points: Array) -> Difference:
     """Return how far half-spaces are from touching the hull of points."""
-    return apart(key, (points @ A.T).max(axis=0), b)
+    return measure_difference(key, (points @ A.T).max(axis=0), b)
 
 
 def _compare_corners(key: str, surface: Surface, corners: Array) -> Difference:
@@ -153,7 +155,7 @@ def _compare_panel(plan: ClimbPlan, panel: PanelSpec, friction: float) -> Iterat
     panel_friction = friction if panel.friction is None else panel.friction
     surface = terrain.surfaces[by_name["panel"]]
     yield _compare_corners("terrain.panel", surface, corners(panel.across, panel.along))
-    yield apart(
+    yield measure_difference(
         "terrain.panel.limbs", terrain.allowed[:, by_name["panel"]], [0] * len(terrain.allowed)
     )
     for name, spec in panel.holds.items():
@@ -162,13 +164,13 @@ def _compare_panel(plan: ClimbPlan, panel: PanelSpec, friction: float) -> Iterat
         (u, v), half = spec.at, (spec.width / 2, spec.height / 2)
         hold_corners = corners((u - half[0], u + half[0]), (v - half[1], v + half[1]))
         yield _compare_corners(key, surface, hold_corners)
-        yield apart(
+        yield measure_difference(
             f"{key}.friction",
             surface.friction,
             panel_friction if spec.friction is None else spec.friction,
         )
         is_allowed = [spec.limbs is None or limb in spec.limbs for limb in plan.robot.limb_names]
-        yield apart(f"{key}.limbs", terrain.allowed[:, by_name[name]], is_allowed)
+        yield measure_difference(f"{key}.limbs", terrain.allowed[:, by_name[name]], is_allowed)
         yield _compare_hold(key, surface, spec, up, sideways)
 
 
@@ -182,19 +184,21 @@ def _compare_hold(
     axis = math.cos(turn) * up + math.sin(turn) * sideways
     stored = [*hold.axis, hold.undercut, *hold.orientation]
     stated = [*axis, math.radians(spec.undercut_deg), *np.deg2rad(spec.orientation_deg)]
-    return apart(f"{key}: axis_deg, undercut_deg, orientation_deg", stored, stated)
+    return measure_difference(f"{key}: axis_deg, undercut_deg, orientation_deg", stored, stated)
 
 
 def _compare_region_hold(key: str, surface: Surface, region: RegionSpec) -> Difference:
     """Compare how a region can be gripped, with the axis projected into its plane."""
     stored = surface.hold if isinstance(surface, Region) else None
     if region.hold is None or stored is None or not isinstance(surface, Region):
-        return same(f"{key}.hold", (region.hold is None) == (stored is None))
+        return check_equality(f"{key}.hold", (region.hold is None) == (stored is None))
     hold_spec = region.hold
     projected = np.cross(np.cross(surface.normal, hold_spec.axis), surface.normal)
     axis = projected / np.linalg.norm(projected)
     stated = [*axis, math.radians(hold_spec.undercut_deg), *np.deg2rad(hold_spec.orientation_deg)]
-    return apart(f"{key}.hold", [*stored.axis, stored.undercut, *stored.orientation], stated)
+    return measure_difference(
+        f"{key}.hold", [*stored.axis, stored.undercut, *stored.orientation], stated
+    )
 
 
 def _build_wall_corners(walls: WallsSpec, side: int) -> Array:

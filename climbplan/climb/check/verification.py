@@ -33,12 +33,12 @@ from climbplan.climb.check.subject import build_subject
 from climbplan.climb.check.trajectory import check_trajectory
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_as_found
-from climbplan.climb.plan.promise import interval_of
-from climbplan.climb.plan.world_sample import MIN_STANDING, wilson_interval
+from climbplan.climb.plan.promise import compute_interval
+from climbplan.climb.plan.world_sample import MIN_STANDING, compute_wilson_interval
 from climbplan.schema.holding import HeldSpec
 from climbplan.store.content import compute_digest
-from climbplan.verification.check import Check, judge, unjudged
-from climbplan.verification.held import held_against, held_check
+from climbplan.verification.check import Check, judge, mark_unjudged
+from climbplan.verification.held import check_spec_differences, describe_reference
 from climbplan.verification.verification import Verification, mark_verified
 
 
@@ -57,9 +57,9 @@ def check_risk(plan: ClimbPlan) -> Iterator[Check]:
         fragility_text = (
             f"the spec asks for falls in at most {risk_limit:.2%} of worlds; none were played"
         )
-        yield replace(unjudged(unsampled, "no promise in the file"), fragile=fragility_text)
+        yield replace(mark_unjudged(unsampled, "no promise in the file"), fragile=fragility_text)
         return
-    low, high = interval_of(promise.falls, promise.worlds)
+    low, high = compute_interval(promise.falls, promise.worlds)
     interval_error = max(abs(promise.lower - low), abs(promise.upper - high))
     interval_error = max(
         interval_error, abs(promise.risk - risk_limit) if risk_limit is not None else 0.0
@@ -73,7 +73,7 @@ def check_risk(plan: ClimbPlan) -> Iterator[Check]:
         fragility_text = f"{promise_text}, asked at most {promise.risk:.2%}{first_cause}"
         remedy_text = f"; what would help: {'; '.join(promise.helps)}" if promise.helps else ""
         check = replace(
-            unjudged(check, "a promise that is not met"), fragile=fragility_text + remedy_text
+            mark_unjudged(check, "a promise that is not met"), fragile=fragility_text + remedy_text
         )
     yield check
 
@@ -83,7 +83,7 @@ def check_world_sample(plan: ClimbPlan) -> Iterator[Check]:
     sample = plan.sample
     if sample is None:
         return
-    low, high = wilson_interval(sample.worlds - sample.falls, sample.worlds)
+    low, high = compute_wilson_interval(sample.worlds - sample.falls, sample.worlds)
     interval_error = max(abs(sample.lower - low), abs(sample.upper - high))
     sample_text = f"{sample.stands} of its uncertainty ({sample.engine}, seed {sample.seed})"
     check = judge("robust.worlds", interval_error, margin=f"{sample_text}, {sample.interval}")
@@ -91,7 +91,7 @@ def check_world_sample(plan: ClimbPlan) -> Iterator[Check]:
         first_cause = f"; most frequent: {sample.causes[0]}" if sample.causes else ""
         requirement = f"at least {MIN_STANDING:.0%} required"
         fragile = f"{sample_text}, {sample.interval}, {requirement}{first_cause}"
-        check = replace(unjudged(check, "worlds that fall fail no check"), fragile=fragile)
+        check = replace(mark_unjudged(check, "worlds that fall fail no check"), fragile=fragile)
     yield check
 
 
@@ -148,7 +148,7 @@ def _run_verification(plan: ClimbPlan, other_spec: HeldSpec | None) -> Verificat
         if not risk_summary and plan.sample is not None:
             risk_summary = plan.sample.stands
         verification = Verification(
-            checks, against=held_against(plan, other_spec), risk_summary=risk_summary
+            checks, against=describe_reference(plan, other_spec), risk_summary=risk_summary
         )
         return (
             verification
@@ -174,7 +174,7 @@ def _generate_checks(plan: ClimbPlan, other_spec: HeldSpec | None) -> Iterator[C
     if not all(check.passed for check in data_checks):
         return
     if other_spec is not None:
-        yield held_check(other_spec)
+        yield check_spec_differences(other_spec)
         plan = bind_to_spec(plan, other_spec)
     subject = build_subject(plan)
     yield from check_spec(subject, None if other_spec is None else other_spec.robot)

@@ -16,7 +16,7 @@ import numpy as np
 from climbplan.climb.coupled.statement import compute_force_range
 from climbplan.climb.envelopes.file import StoredEnvelopes, read_envelopes
 from climbplan.climb.envelopes.legs import POSITION_SCALE
-from climbplan.climb.envelopes.shipped import PREFERENCE, SHIPPED, shipped_envelopes
+from climbplan.climb.envelopes.shipped import PREFERENCE, SHIPPED, read_shipped_envelopes
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import UsageError
 from climbplan.learning.envelope_box import Envelope
@@ -57,7 +57,7 @@ def load_envelope(scene: ClimbScene, name: str) -> NamedEnvelope:
         return NamedEnvelope(name, "expert", box)
     shipped, _, fit = name.partition(":")
     if shipped in SHIPPED:
-        stored = shipped_envelopes(shipped)
+        stored = read_shipped_envelopes(shipped)
     elif Path(name).is_file():
         stored, fit = read_envelopes(Path(name)), ""
     else:
@@ -133,7 +133,7 @@ def _modes(scene: ClimbScene) -> tuple[str, ...]:
 
 
 def _has_limbs(robot: Robot, name: str) -> bool:
-    return set(shipped_envelopes(name).limb_names) <= set(robot.limb_names)
+    return set(read_shipped_envelopes(name).limb_names) <= set(robot.limb_names)
 
 
 def braced_envelope(scene: ClimbScene) -> Envelope:

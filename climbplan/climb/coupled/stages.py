@@ -14,7 +14,7 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.coupled.preparation import CoupledProblem
 from climbplan.climb.coupled.statement import compute_envelope_range
-from climbplan.climb.envelopes.search import least_error, linear_with
+from climbplan.climb.envelopes.search import fix_factors, minimise_product_error
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Program
 from climbplan.program.instance import Instance
@@ -72,10 +72,10 @@ def solve_second_stage(program: Program, pinned: Instance, x: Array) -> Array | 
     fixed_columns = np.flatnonzero(is_fixed)
     if pinned.P.indptr[force.stop] > pinned.P.indptr[force.start]:
         solution = solve_convex(
-            linear_with(pinned, x, fixed_columns), "clarabel", tolerance=TOLERANCE
+            fix_factors(pinned, x, fixed_columns), "clarabel", tolerance=TOLERANCE
         ).x
     else:
-        answer = least_error(pinned, x, fixed_columns)
+        answer = minimise_product_error(pinned, x, fixed_columns)
         solution = None if answer is None else answer[0]
     if solution is None or pinned.violation(solution) > TOLERANCE:
         return None

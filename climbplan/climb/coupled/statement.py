@@ -17,7 +17,7 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.climb.envelopes.legs import POSITION_SCALE
-from climbplan.climb.envelopes.statement import cone_rows, cross
+from climbplan.climb.envelopes.statement import compute_cone_rows, compute_cross
 from climbplan.climb.postures.statement import (
     PostureMargins,
     build_posture_program,
@@ -61,7 +61,7 @@ def interpolate_body_path(scene: ClimbScene) -> Array:
 def build_loaded_region(region: Region, safety: float) -> Polytope:
     """Build (toe, force) in R^6: the toe in the region, the force in its pyramid at mu / safety."""
     place = build_region_polytope(region)
-    cone = cone_rows(region.normal, np.asarray(region.friction / safety))
+    cone = compute_cone_rows(region.normal, np.asarray(region.friction / safety))
     zero = np.zeros((len(place.A), 3))
     return Polytope(
         name=region.name,
@@ -103,7 +103,7 @@ def remove_unloadable_regions(scene: ClimbScene) -> ClimbScene:
     force_bounds = compute_force_range(scene)
     is_loadable = np.ones(len(terrain.regions), bool)
     for k, surface in enumerate(terrain.regions):
-        cone = cone_rows(surface.normal, np.asarray(surface.friction / safety))
+        cone = compute_cone_rows(surface.normal, np.asarray(surface.friction / safety))
         program = LinearProgram(
             np.zeros(3),
             force_bounds.lower,
@@ -166,7 +166,7 @@ def state_coupled_program(
         # Balance of moments, eqs. (5.11), (5.13)
         arm, body = toe - origin[:, None], com - origin
         forces = np.broadcast_to(load.force, (m, 3))
-        moment = np.sum(cross(arm, f), axis=1) + cross(body, forces) + load.moment
+        moment = np.sum(compute_cross(arm, f), axis=1) + compute_cross(body, forces) + load.moment
         if foot is not None:
             moment = moment + np.sum(q, axis=1)
         p.equal("coupled.moment_balance", moment, unit="weight m")

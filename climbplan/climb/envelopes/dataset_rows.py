@@ -153,7 +153,7 @@ def build_frame(terrains: TerrainDistribution) -> DatasetFrame:
 
 
 def build_statement(frame: DatasetFrame, path: Path) -> PostureStatement:
-    """Return problem P of a dataset's limbs; raises PlanFileError for facts that are not of limbs."""
+    """Return problem P of a dataset's limbs; raises PlanFileError for facts of anything else."""
     facts = frame.facts
     try:
         legs = Legs(

@@ -80,14 +80,14 @@ class FirstStage:
             return None
         return Range(lower, upper)
 
-    def relaxed(self, low: Array, high: Array) -> Instance | None:
+    def relax(self, low: Array, high: Array) -> Instance | None:
         """Return P1 on a box as a linear instance, None if the box misses the terrain."""
         box = self.box(low, high)
         if box is not None and self.propagate:
-            box = self._propagated(box)
+            box = self._propagate(box)
         return None if box is None else self.form.at(box)
 
-    def _propagated(self, box: Range) -> Range | None:
+    def _propagate(self, box: Range) -> Range | None:
         """Return what interval propagation leaves of a box, None if nothing."""
         propagated_box = propagate_box(replace(self.instance, lower=box.lower, upper=box.upper))
         if (propagated_box.lower > propagated_box.upper + _CROSSED).any():
@@ -99,7 +99,7 @@ class FirstStage:
 
         centre: (N, 6); the point has the least 1-norm distance of its factors from there.
         """
-        local = self.relaxed(low, high)
+        local = self.relax(low, high)
         if local is None:
             return None
         solution = solve_linear(_build_nearest_program(local, self.factors.ravel(), centre))

@@ -30,7 +30,7 @@ class LabelledTerrains:
     known: Array  # (n, m, N, 6) feasible points; NaN where there is none
     token: str  # equal ones are equal terrains
 
-    def prepared(self) -> list[FirstStage]:
+    def prepare_stages(self) -> list[FirstStage]:
         """Return P1 on every terrain, ready for any envelope."""
         statement = build_posture_statement(self.legs)
         return [
@@ -81,5 +81,5 @@ def _label_share(
     """Return a worker's share."""
     if terrains.token not in _prepared:
         _prepared.clear()
-        _prepared[terrains.token] = terrains.prepared()
+        _prepared[terrains.token] = terrains.prepare_stages()
     return [label_rows(_prepared[terrains.token], terrains.known, e, rows) for e in sets]

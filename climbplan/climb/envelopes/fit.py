@@ -12,7 +12,7 @@ from scipy import sparse
 from climbplan.arrays import Array
 from climbplan.climb.envelopes.first_stage import FirstStage, Manner
 from climbplan.climb.envelopes.rows import Rows
-from climbplan.climb.envelopes.search import minimise_product_error, drop_products
+from climbplan.climb.envelopes.search import drop_products, minimise_product_error
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import TerrainDistribution
 from climbplan.learning.envelope_box import Envelope, EnvelopeSet
@@ -36,7 +36,7 @@ def build_projection(stage: FirstStage, centre: Array, weight: Array) -> Instanc
 def find_nearest_point(
     stage: FirstStage, start: Array, centre: Array, weight: Array
 ) -> Array | None:
-    """Return a local optimum (N, 6) from the factors of a feasible point, None if IPOPT finds none."""
+    """Return a local optimum (N, 6) by IPOPT from the factors of a feasible point, or None."""
     x = np.zeros(stage.instance.size)
     x[stage.factors.ravel()] = start.ravel()
     solution = solve_ipopt(
@@ -94,7 +94,7 @@ def recentre_points(
     report: Callable[[float], None] | None = None,
     times: int = _RECENTRINGS,
 ) -> Rows:
-    """Return the rows with each feasible point moved, within its feasible set, towards the median."""
+    """Return the rows with each feasible point moved towards the median within its feasible set."""
     point = rows.point.copy()
     feasible_rows = np.flatnonzero(rows.feasible)
     for iteration in range(times):

@@ -38,7 +38,7 @@ class Legs:
 
 
 def select_wall_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
-    """Some limbs of a robot in its own stance."""
+    """Return the named limbs of a robot in its own stance."""
     index = [robot.limb_names.index(name) for name in names]
     return Legs(
         names,
@@ -50,7 +50,7 @@ def select_wall_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
 
 
 def select_standing_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
-    """As `wall_legs`, with a P beyond the reach of limbs of any size."""
+    """Return the named limbs in the robot's stance, with a P beyond any limb's reach."""
     legs = select_wall_legs(robot, names)
     by_shoulder = np.linalg.norm(legs.shoulder, axis=1) + legs.reach
     by_stance = np.linalg.norm(legs.stance, axis=1) + legs.stance_radius
@@ -59,7 +59,7 @@ def select_standing_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
 
 
 def select_ground_legs(robot: Robot, names: tuple[str, ...]) -> Legs:
-    """Some limbs of a robot in the walking stance: toes outwards of the shoulders and below."""
+    """Return the named limbs in the walking stance: toes outwards of the shoulders and below."""
     index = [robot.limb_names.index(name) for name in names]
     yaw = robot.mount_yaw[index]
     outward = np.stack([np.cos(yaw), np.sin(yaw), np.zeros(len(index))], axis=1)

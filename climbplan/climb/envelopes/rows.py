@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.envelopes.relaxation import solve_relaxed
-from climbplan.climb.envelopes.search import find_posture, minimise_product_error, drop_products
+from climbplan.climb.envelopes.search import drop_products, find_posture, minimise_product_error
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import Patches, TerrainDistribution
 from climbplan.program.instance import Instance
@@ -60,7 +60,7 @@ def collect_rows(
     seed: int,
     report: Callable[[float], None] | None = None,
 ) -> Rows:
-    """So many feasible and so many infeasible terrains, drawn until there are enough of each.
+    """Draw terrains until there are enough feasible and enough infeasible ones.
 
     Row k of the draw depends on (seed, k) alone. Terrains of a kind that is complete are skipped.
     """

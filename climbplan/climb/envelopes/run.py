@@ -17,8 +17,8 @@ from climbplan.climb.envelopes.fit import (
     Validation,
     build_heuristic_envelope,
     measure,
-    recentre_points,
     prepare_stages,
+    recentre_points,
     select_training_points,
 )
 from climbplan.climb.envelopes.rows import Rows, collect_rows

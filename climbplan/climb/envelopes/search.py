@@ -118,7 +118,9 @@ def _bisect_patch(corners: Array, limb: int, side: int) -> Array:
 
 
 def _alternate(statement: PostureStatement, instance: Instance, relaxed: Relaxed) -> Array | None:
-    """Return forces at given toes, toes at given forces, each with the least error of the moments."""
+    """Alternate linear programs: forces at fixed toes, then toes at fixed forces, least moment
+    error.
+    """
     program = statement.program
     toe, f = program.variables["toe"], program.variables["force"]
     x = _build_start(statement, instance, relaxed)

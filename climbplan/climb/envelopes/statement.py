@@ -52,7 +52,7 @@ class PostureStatement:
 
 
 def compute_cone_rows(normal: Array, friction: Array, facets: int = FACETS) -> Array:
-    """Return rows a with a . f <= 0 for world forces f in the inscribed pyramids, (..., facets, 3)."""
+    """Return rows a, (..., facets, 3): a . f <= 0 for world forces f in the inscribed pyramids."""
     rows = pyramid_rows(
         friction, np.broadcast_to(regular_corners(facets), (*friction.shape, facets))
     )
@@ -85,7 +85,7 @@ def build_posture_statement(legs: Legs) -> PostureStatement:
 
 
 def _add_workspace(p: Program, legs: Legs, arm: Expression, rpy: Expression) -> None:
-    """d . (p_i - c - R v_i) <= radius for 26 directions, rotations linearised as in eq. (5.5)."""
+    """Add d . (p_i - c - R v_i) <= radius for 26 directions, rotations linearised (5.5)."""
     directions = build_ball_directions()
     for label, origin, radius in (
         ("reach", legs.shoulder, legs.reach),
@@ -99,7 +99,7 @@ def _add_workspace(p: Program, legs: Legs, arm: Expression, rpy: Expression) -> 
 
 
 def compute_cross(a: Expression, b: Expression | Array) -> Expression:
-    """a x b along the last axis, of scalars that NumPy's own cross product cannot hold."""
+    """Return a x b along the last axis, of scalars that NumPy's own cross product cannot hold."""
     shape = np.broadcast_shapes(a.shape, b.shape)
     x, y = np.broadcast_to(a, shape), np.broadcast_to(b, shape)
     out = np.empty(shape, object)

@@ -38,7 +38,7 @@ class Patches:
 
     @classmethod
     def from_vector(cls, row: Array) -> Patches:
-        """Return the patches of a dataset's row; raises UsageError for a length that fits no limbs."""
+        """Return the patches of a dataset's row; raises UsageError for a length that fits none."""
         n, remainder = divmod(len(row), 3 * CORNERS + 4)
         if remainder or not n:
             raise UsageError(f"{len(row)} numbers are no row of patches")
@@ -77,7 +77,7 @@ class TerrainDistribution:
 
 
 def tilt_normals(normal: Array, angle: Array, about: Array) -> Array:
-    """Return unit normals (N, 3) turned by `angle` (N,) in the direction `about` (N,) across them."""
+    """Return unit normals (N, 3) tilted by `angle` (N,) towards the direction `about` (N,)."""
     frame = contact_frame(normal)
     towards = np.cos(about)[:, None] * frame.tangent + np.sin(about)[:, None] * frame.bitangent
     return np.cos(angle)[:, None] * normal + np.sin(angle)[:, None] * towards
@@ -116,7 +116,7 @@ def select_distribution(
 
 
 def _build_own_distribution(name: str, robot: Robot, limbs: tuple[str, ...]) -> TerrainDistribution:
-    """Return limbs in the robot's own stance, on patches that look up or to the middle of the body."""
+    """Return limbs in the robot's own stance, on patches that face up or towards the body."""
     if lacking := [limb for limb in limbs if limb not in robot.limb_names]:
         limb_names = ", ".join(robot.limb_names)
         raise UsageError(f"{robot.name} has no limb {lacking[0]!r}, its limbs are {limb_names}")

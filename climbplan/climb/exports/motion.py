@@ -10,9 +10,9 @@ from scipy.spatial.transform import Rotation
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.errors import ClimbplanError
-from climbplan.exports.base_link import BaseLink, base_link, urdf_facts
+from climbplan.exports.base_link import BaseLink, build_base_link, collect_urdf_facts
 from climbplan.exports.damping import critical_damping
 from climbplan.exports.motion import (
     BodyMotion,
@@ -21,9 +21,9 @@ from climbplan.exports.motion import (
     JointMotion,
     LimbShape,
     RobotMotion,
-    continuous_quaternions,
-    differentiated,
-    gain_words,
+    describe_gains,
+    differentiate_spline,
+    unwrap_quaternions,
 )
 from climbplan.mechanics.equilibrium import link_torques
 from climbplan.mechanics.stiffness import joint_softness
@@ -41,7 +41,7 @@ from climbplan.schema.robots.stored import NotKept, build_stored_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.simulation.conditions import NOMINAL
-from climbplan.simulation.motors import motor_damping, motor_stiffness
+from climbplan.simulation.motors import compute_motor_damping, compute_motor_stiffness
 from climbplan.terrain.surfaces import Region
 
 
@@ -53,7 +53,10 @@ def compute_min_joint_inertia(robot: Robot, angles: Array) -> Array:
     """
     chain, links = robot.mechanism, robot.links
     if links is None or not isinstance(chain, SerialChain):
-        damping, stiffness = motor_damping(robot, NOMINAL), motor_stiffness(robot, NOMINAL)
+        damping, stiffness = (
+            compute_motor_damping(robot, NOMINAL),
+            compute_motor_stiffness(robot, NOMINAL),
+        )
         return np.asarray(damping**2 / (4 * stiffness))
     pose = chain.pose(angles)
     lever_arms = links.middles(chain, angles)[..., None, :, :] - pose.joints[..., :, None, :]
@@ -85,13 +88,15 @@ def build_motion(plan: ClimbPlan) -> RobotMotion:
     """Return the data of a plan's motion that controllers and other simulators need."""
     trajectory, robot = plan.trajectory, plan.robot
     has_joint = robot.has_joint
-    angle = true_angles(plan, sample_instants(plan))
+    angle = compute_true_angles(plan, sample_instants(plan))
     # What bends a joint is the motor and the structure beyond it; encoders see the motor's part.
     torque = (trajectory.joint_command - angle) / joint_softness(robot)
     torque = np.where(trajectory.contact[..., None], torque, 0.0)
     encoder_angle = trajectory.joint_command - torque / robot.joint_stiffness
     slides = tuple(robot.slides[has_joint].tolist())
-    velocity, acceleration = differentiated(trajectory.time, trajectory.joint_command[:, has_joint])
+    velocity, acceleration = differentiate_spline(
+        trajectory.time, trajectory.joint_command[:, has_joint]
+    )
     rotation = rotation_world_body(trajectory.rpy)
     quaternion = Rotation.from_matrix(rotation).as_quat(canonical=False)
     root_link, facts, notes = _read_root_link(plan)
@@ -99,7 +104,7 @@ def build_motion(plan: ClimbPlan) -> RobotMotion:
         name=plan.name,
         robot=robot.name,
         time=trajectory.time,
-        bodies=(BodyMotion("body", trajectory.com, continuous_quaternions(quaternion)),),
+        bodies=(BodyMotion("body", trajectory.com, unwrap_quaternions(quaternion)),),
         base=None if root_link is None else root_link.motion(trajectory.com, rotation),
         joints=JointMotion(
             names=robot.motor_names,
@@ -120,7 +125,7 @@ def build_motion(plan: ClimbPlan) -> RobotMotion:
         limbs=_build_limb_shapes(plan, angle),
         body_size=np.abs(robot.body_hull).max(axis=0),
         surfaces=tuple(s.material for s in plan.terrain.regions if isinstance(s, Region)),
-        words=(gain_words(robot.joint_stiffness[has_joint], slides=slides), *notes),
+        words=(describe_gains(robot.joint_stiffness[has_joint], slides=slides), *notes),
         facts={
             "structural_compliance_share": robot.structural_compliance_share,
             "foot_radius": 0.0 if robot.foot is None else robot.foot.radius,
@@ -155,8 +160,8 @@ def _read_root_link(plan: ClimbPlan) -> tuple[BaseLink | None, dict[str, object]
         robot = build_stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts).robot
         if not isinstance(robot, UrdfRobot):
             return None, {}, ()
-        facts = dict(urdf_facts(robot))
-        return base_link(robot, chain, np.eye(3)), facts, ()
+        facts = dict(collect_urdf_facts(robot))
+        return build_base_link(robot, chain, np.eye(3)), facts, ()
     except (NotKept, ClimbplanError, ValueError) as reason:
         cause = str(reason).splitlines()[0]
         return None, {}, (f"the pose of the URDF's root link is not exported: {cause}",)

@@ -119,7 +119,7 @@ def build_timed_motion(
         return TimedMotion(motion, torque_use)
     from climbplan.climb.forces.grips.plan import find_firm_limbs
 
-    grips = GripForces.unpacked(joints.contact_state[..., :PACKED])
+    grips = GripForces.unpack(joints.contact_state[..., :PACKED])
     assert scene.grippers is not None
     firm = _apply_firm_grips(grips.grip, motion.contact, find_firm_limbs(scene.grippers, instants))
     return TimedMotion(
@@ -256,11 +256,11 @@ def _balance_weight_by_grips(
         states.contact,
         states.toes + arm - states.com[:, None],
         states.force,
-        GripForces.unpacked(states.contact_state[..., :PACKED]),
+        GripForces.unpack(states.contact_state[..., :PACKED]),
         missing_moment,
         _RANK_TOLERANCE,
     )
-    contact_state = np.concatenate([grips.packed, grips.moment + np.cross(arm, force)], axis=-1)
+    contact_state = np.concatenate([grips.packed_array, grips.moment + np.cross(arm, force)], axis=-1)
     return replace(states, force=force, contact_state=contact_state)
 
 

@@ -13,7 +13,7 @@ from climbplan.climb.envelopes.run import EnvelopeRun
 from climbplan.climb.pages.figure_envelopes import draw_boxes, draw_fitness
 from climbplan.climb.schema.envelopes_loading import LoadedEnvelopes
 from climbplan.reports.page_parts import Card, Table, format_value
-from climbplan.reports.page_template import fill, build_frame_fields, build_run_fields
+from climbplan.reports.page_template import build_frame_fields, build_run_fields, fill
 from climbplan.reports.report_files import replace_non_finite, write_files
 from climbplan.reports.sheet import render_png
 

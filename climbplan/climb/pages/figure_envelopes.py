@@ -14,10 +14,10 @@ from climbplan.reports import palette
 from climbplan.reports.sheet import (
     draw_foot_legend,
     draw_heading,
-    format_limb_name,
-    new_figure,
     draw_panel_title,
+    format_limb_name,
     format_plain,
+    new_figure,
     style_axes,
 )
 

@@ -19,21 +19,21 @@ from climbplan.climb.pages.cones import (
 )
 from climbplan.climb.pages.patches import (
     Box,
+    choose_oblique_camera,
     compute_hull_points,
     compute_limb_points,
-    choose_oblique_camera,
 )
-from climbplan.climb.pages.series import list_drawn_labels, find_minimum
+from climbplan.climb.pages.series import find_minimum, list_drawn_labels
 from climbplan.climb.pages.view import View
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.camera import Camera
 from climbplan.reports.sheet import (
+    build_panel_grid,
     draw_foot_legend,
     draw_heading,
-    format_limb_name,
-    build_panel_grid,
     draw_panel_title,
+    format_limb_name,
     format_plain,
 )
 

@@ -8,17 +8,17 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from climbplan.arrays import Array
-from climbplan.climb.pages.figure_series import mark_rounds, format_rounds_label
+from climbplan.climb.pages.figure_series import format_rounds_label, mark_rounds
 from climbplan.climb.pages.series import list_drawn_labels
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     draw_foot_legend,
     draw_heading,
-    format_limb_name,
-    new_figure,
     draw_panel_title,
+    format_limb_name,
     format_plain,
+    new_figure,
     style_axes,
 )
 

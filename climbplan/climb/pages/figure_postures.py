@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from climbplan.arrays import Array
-from climbplan.climb.pages.patches import compute_climb_box, choose_oblique_camera
+from climbplan.climb.pages.patches import choose_oblique_camera, compute_climb_box
 from climbplan.climb.pages.view import View
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
@@ -16,10 +16,10 @@ from climbplan.reports.camera import FRONT, SIDE
 from climbplan.reports.sheet import (
     draw_foot_legend,
     draw_heading,
-    format_limb_name,
-    new_figure,
     draw_panel_title,
+    format_limb_name,
     format_plain,
+    new_figure,
     style_axes,
 )
 from climbplan.robots.kinematics import standing_inverse
@@ -30,7 +30,7 @@ _OUTLINES = 13  # postures drawn at all
 
 
 def _select_evenly(count: int, max_count: int) -> list[int]:
-    """At most `wanted` of 0..count, evenly spread, ends included."""
+    """Return at most `max_count` of 0..count, evenly spread, ends included."""
     return sorted({round(i) for i in np.linspace(0, count, min(max_count, count + 1))})
 
 

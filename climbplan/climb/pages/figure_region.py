@@ -9,14 +9,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch, Rectangle
 
-from climbplan.climb.pages.study_grid import StudyAxis, compute_cell_edges, build_study_axes
+from climbplan.climb.pages.study_grid import StudyAxis, build_study_axes, compute_cell_edges
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     draw_foot_legend,
     draw_heading,
-    new_figure,
     format_plain,
+    new_figure,
     style_axes,
 )
 

@@ -8,16 +8,16 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from climbplan.arrays import Array
-from climbplan.climb.pages.figure_series import mark_rounds, format_rounds_label
-from climbplan.climb.pages.series import list_drawn_labels, find_minimum
+from climbplan.climb.pages.figure_series import format_rounds_label, mark_rounds
+from climbplan.climb.pages.series import find_minimum, list_drawn_labels
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
+    build_panel_grid,
     draw_foot_legend,
     draw_heading,
-    format_limb_name,
-    build_panel_grid,
     draw_panel_title,
+    format_limb_name,
     format_plain,
     style_axes,
 )

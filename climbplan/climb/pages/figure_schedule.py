@@ -11,8 +11,8 @@ from climbplan.reports.sheet import (
     draw_foot_legend,
     draw_heading,
     format_limb_name,
-    new_figure,
     format_plain,
+    new_figure,
     style_axes,
 )
 

@@ -16,18 +16,18 @@ from matplotlib.patches import Patch
 from climbplan.arrays import Array
 from climbplan.climb.pages.series import (
     LimbSeries,
-    list_drawn_labels,
     compute_limb_series,
     find_round_spans,
+    list_drawn_labels,
 )
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
+    build_panel_grid,
     draw_foot_legend,
     draw_heading,
-    format_limb_name,
-    build_panel_grid,
     draw_panel_title,
+    format_limb_name,
     format_plain,
     style_axes,
 )

@@ -8,15 +8,15 @@ from typing import Any
 
 from climbplan.climb.pages.page_data import build_page_data
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.reports.page_parts import Card, read_part, build_sequence_table
+from climbplan.reports.page_parts import Card, build_sequence_table, read_part
 from climbplan.reports.page_template import (
     build_data_element,
-    fill,
     build_origin_rows,
     build_plan_tables,
     build_report_fields,
     build_run_fields,
     build_verification_fields,
+    fill,
 )
 from climbplan.verification.check import LIMITS
 

@@ -15,16 +15,16 @@ from climbplan.climb.pages.cones import compute_force_scale
 from climbplan.climb.pages.patches import (
     Box,
     Patch,
-    compute_climb_box,
-    list_hull_faces,
-    compute_limb_points,
     choose_oblique_camera,
-    sort_shoulders,
+    compute_climb_box,
+    compute_limb_points,
+    list_hull_faces,
     list_solid_faces,
     list_surface_patches,
+    sort_shoulders,
 )
 from climbplan.climb.pages.replay import build_replay
-from climbplan.climb.pages.series import list_instant_labels, compute_limb_series, find_round_spans
+from climbplan.climb.pages.series import compute_limb_series, find_round_spans, list_instant_labels
 from climbplan.climb.pages.study_grid import build_study_axes
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.reports import palette
@@ -147,7 +147,7 @@ def _describe_study(plan: ClimbPlan, study: Study) -> dict[str, Any]:
 
 
 def build_page_data(plan: ClimbPlan) -> dict[str, Any]:
-    """Everything the page's script draws, ready for JSON."""
+    """Return everything the page's script draws, ready for JSON."""
     rounds = find_round_spans(plan)
     return {
         "unit": {"length": LENGTH, "angle": ANGLE, "force": FORCE},

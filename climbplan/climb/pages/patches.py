@@ -94,7 +94,7 @@ def compute_climb_box(plan: ClimbPlan) -> Box:
 
 
 def clip(vertices: Array, solid: Solid) -> Array:
-    """Return the part of a convex polygon (V, 3) inside a solid: (V', 3), empty if there is none."""
+    """Clip a convex polygon (V, 3) to a solid: (V', 3), empty if nothing is left."""
     polygon = np.asarray(vertices, float)
     for row, bound in zip(solid.A, solid.b, strict=True):
         if len(polygon) == 0:

@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.pages.patches import compute_limb_points
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, compute_true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.reports.key_frames import select_key_frames
 
 TOLERANCE = 1e-3  # [m] largest error of any joint when played by linear interpolation

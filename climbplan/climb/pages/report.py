@@ -68,7 +68,7 @@ def _build_values(plan: ClimbPlan, verification: Verification) -> dict[str, Any]
         "objective": plan.objective,
         "bound": plan.bound,
         "gap": plan.gap,
-        "risk": None if plan.promise is None else plan.promise.told(),
+        "risk": None if plan.promise is None else plan.promise.as_dict(),
         "worlds": None if plan.sample is None else plan.sample.as_dict(),
         "timings": replace_non_finite(plan.timings),
         "solvers": replace_non_finite(plan.solvers),

@@ -9,11 +9,11 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.pages.patches import (
     Box,
-    compute_climb_box,
     choose_oblique_camera,
-    sort_shoulders,
+    compute_climb_box,
     list_solid_faces,
     list_surface_patches,
+    sort_shoulders,
 )
 from climbplan.climb.pages.replay import Replay, build_replay
 from climbplan.climb.pages.series import list_instant_labels
@@ -77,7 +77,7 @@ def _list_facts(plan: ClimbPlan) -> tuple[str, ...]:
 
 
 def _note_missing_visuals(plan: ClimbPlan) -> tuple[str, ...]:
-    """That the robot's own shape is known to its URDF alone, if so."""
+    """Return a note where only the URDF has the robot's own shape."""
     if plan.looks is not None or "<visual" not in plan.robot_texts.urdf:
         return ()
     return (f"drawn as capsules: the plan carries no visual geometry of {plan.robot.name}",)

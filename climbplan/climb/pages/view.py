@@ -21,9 +21,9 @@ from climbplan.climb.pages.patches import (
     Patch,
     compute_hull_points,
     compute_limb_points,
-    sort_shoulders,
     list_solid_faces,
     list_surface_patches,
+    sort_shoulders,
 )
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
@@ -36,7 +36,7 @@ _BEHIND, _MIDDLE = 1.0, 3.0  # drawing order: walls, then things by depth
 
 
 def locate_gripper_tip(plan: ClimbPlan, wrist: Array, limb: int) -> Array | None:
-    """Return the grip's centre (3,) of a gripper square to the nearest surface; None without one."""
+    """Return the grip's centre (3,) of a gripper square to the nearest surface, or None."""
     if plan.robot.gripper is None:
         return None
     surface = plan.terrain.surfaces[plan.terrain.nearest_surface(limb, wrist)]

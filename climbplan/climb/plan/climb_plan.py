@@ -68,7 +68,8 @@ class Instants:
         """Return where instant k stands in the gait: "round 3, LM lifted" or "round 3, push 2"."""
         round_label = f"round {self.round[k]}"
         if self.lifted[k].any():
-            return f"{round_label}, {' '.join(limb_names[i] for i in np.flatnonzero(self.lifted[k]))} lifted"
+            lifted = " ".join(limb_names[i] for i in np.flatnonzero(self.lifted[k]))
+            return f"{round_label}, {lifted} lifted"
         in_round = self.round == self.round[k]
         if in_round.sum() <= 2:
             return f"{round_label}, push"

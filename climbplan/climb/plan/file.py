@@ -129,7 +129,7 @@ def read_climb(path: Path) -> ClimbPlan:
 
 
 def read_as_found(path: Path) -> ClimbPlan:
-    """As `read_climb`, but NaN and infinities are only listed, so that a check can report them."""
+    """Read a plan and only list NaN and infinities, so that a check can report them."""
     with open_store(path) as file:
         reader = Reader(path, file)
         require_plan(reader, layout.FORMAT_VERSION, *layout.FORMATS.values())
@@ -141,7 +141,7 @@ def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
     if plan.kind == "transition":
         texts["contact_sequence"] = plan.contact_sequence
     if plan.promise is not None:
-        write_json(file, "risk", plan.promise.told())
+        write_json(file, "risk", plan.promise.as_dict())
     if plan.sample is not None:
         write_json(file, "worlds", plan.sample.as_dict())
     write_header(
@@ -220,7 +220,7 @@ def _read(reader: Reader) -> ClimbPlan:
 
 
 def _require_counts(reader: Reader, kind: str) -> None:
-    """Dimensions that follow from one another, and that nothing is empty."""
+    """Refuse dimensions that contradict one another, and anything empty."""
     size = reader.dimensions
     min_limbs = 2 if reader.has("robot/foot/axes_zero") else 3  # with flat feet two are enough
     if size["N"] < min_limbs:

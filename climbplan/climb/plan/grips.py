@@ -35,12 +35,12 @@ class GripForces:
     moment: Array  # (S, N, 3) of the surface on the gripper, about the grip's centre [N m]
 
     @property
-    def packed(self) -> Array:
+    def packed_array(self) -> Array:
         """(S, N, 7) all of it, for what treats it alike."""
         return np.concatenate([self.grip[..., None], self.palm, self.moment], axis=-1)
 
     @classmethod
-    def unpacked(cls, packed: Array) -> GripForces:
+    def unpack(cls, packed: Array) -> GripForces:
         """From (S, N, 7)."""
         return cls(packed[..., 0], packed[..., 1:4], packed[..., 4:7])
 

@@ -27,15 +27,15 @@ class Promise:
 
     @property
     def met(self) -> bool:
-        """Return whether the upper limit is within the risk."""
+        """True if the upper limit is within the risk."""
         return self.upper <= self.risk
 
     @property
     def words(self) -> str:
-        """In one line: "stands in 2990 of 3000 worlds"."""
+        """The promise in one line: "stands in 2990 of 3000 worlds"."""
         return f"stands in {self.worlds - self.falls} of {self.worlds} worlds"
 
-    def told(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, Any]:
         """Return JSON-ready values."""
         return {**vars(self), "uncertainty": dict(self.uncertainty), "met": self.met}
 
@@ -44,7 +44,7 @@ NEEDED = ("risk", "engine", "seed", "worlds", "falls", "lower", "upper", "uncert
 
 
 def parse_promise(stored_values: Mapping[str, Any]) -> Promise:
-    """Return the promise in a plan file's values; raises ValueError or TypeError for what is none."""
+    """Return the promise in a plan file's values; raises ValueError or TypeError otherwise."""
     falls, worlds = int(stored_values["falls"]), int(stored_values["worlds"])
     if not 0 <= falls <= worlds or worlds < 1:
         raise ValueError(f"{falls} falls in {worlds} worlds")

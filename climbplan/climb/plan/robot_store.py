@@ -30,7 +30,7 @@ _TEXTS = {"yaml": "source", "urdf": "urdf"}  # attributes, only where there is s
 
 
 def write_robot(group: h5py.Group, robot: Robot, texts: RobotTexts) -> None:
-    """Names, numbers, mechanism and grippers; the texts of a robot that is not built in."""
+    """Write names, numbers, mechanism and grippers; texts of a robot that is not built in, too."""
     write_text(group, "name", robot.name)
     for name in layout.ROBOT_NUMBERS:
         group.attrs[name] = float(vars(robot)[name])

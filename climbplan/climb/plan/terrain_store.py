@@ -18,7 +18,7 @@ from climbplan.terrain.surfaces import Region, Surface, Tube
 
 
 def write_terrain(group: h5py.Group, terrain: Terrain) -> None:
-    """All surfaces with their friction, limb permissions, obstacles and free regions."""
+    """Write all surfaces with friction and limb permissions, obstacles and free regions."""
     surfaces = group.create_group("surfaces")
     for index, surface in enumerate(terrain.surfaces):
         _write_surface(surfaces.create_group(_format_key(index)), surface)

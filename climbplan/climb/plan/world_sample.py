@@ -48,7 +48,7 @@ REQUIRED = ("engine", "seed", "worlds", "falls", "lower", "upper", "uncertainty"
 
 
 def parse_sample(values: Mapping[str, Any]) -> WorldSample:
-    """Return the sample in a plan file's values; raises ValueError or TypeError for what is none."""
+    """Return the sample in a plan file's values; raises ValueError or TypeError otherwise."""
     falls, worlds = int(values["falls"]), int(values["worlds"])
     if not 0 <= falls <= worlds or worlds < 1:
         raise ValueError(f"{falls} falls in {worlds} worlds")

@@ -92,4 +92,4 @@ def _describe_difference(plan_robot: Robot, spec_robot: Robot) -> str:
 
 
 def _build_spec_error(loaded: LoadedClimb, message: str) -> SpecError:
-    return loaded.placed(SpecError(loaded.source, [SpecMistake(_PLAN_KEY, message)]))
+    return loaded.locate(SpecError(loaded.source, [SpecMistake(_PLAN_KEY, message)]))

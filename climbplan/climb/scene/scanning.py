@@ -348,7 +348,7 @@ def _build_space_spec(number: int, space: FreeSpace) -> dict[str, object]:
 
 def _build_spec_error(loaded: LoadedClimb | LoadedTransition, key: str, message: str) -> SpecError:
     """Return the error of a key of the spec, with its line."""
-    return loaded.placed(SpecError(loaded.source, [SpecMistake(key, message)]))
+    return loaded.locate(SpecError(loaded.source, [SpecMistake(key, message)]))
 
 
 def load_raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSurface | None:

@@ -20,8 +20,8 @@ from climbplan.climb.simulation.replay import Run
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.measures import SLIP, rolled
-from climbplan.simulation.motors import motor_stiffness
+from climbplan.simulation.measures import SLIP, integrate_rolling
+from climbplan.simulation.motors import compute_motor_stiffness
 
 # Planned torques below [N m], or below a share of the largest planned one, are left out of relative
 # errors
@@ -150,7 +150,7 @@ def predict_sag(plan: ClimbPlan, conditions: Conditions, rows: IntArray, toes: A
         arm = -robot.gripper.length * instants.normal[rows]
         moment = plan.grips.instants.moment[rows] + np.cross(arm, forces.force[rows])
     stiffened = _replace_stiffness(
-        plan, motor_stiffness(robot, conditions) / (1 - structure_fraction)
+        plan, compute_motor_stiffness(robot, conditions) / (1 - structure_fraction)
     )
     normal = instants.normal[rows]
     braced = BracedRobot(
@@ -192,7 +192,7 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
             if plan.robot.foot is not None and plan.robot.sole is None:
                 normal = plan.instants.normal[max(int(instant[last - 1]), 0), limb]
                 links = run.links[start:last, limb]
-                shift = shift - rolled(plan.robot.foot.radius, links, normal)
+                shift = shift - integrate_rolling(plan.robot.foot.radius, links, normal)
             slip_distance = np.linalg.norm(shift, axis=1)
             if slip_distance.max(initial=0.0) > SLIP:
                 onset = start + int(np.argmax(slip_distance > SLIP))

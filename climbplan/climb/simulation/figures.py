@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from climbplan.climb.pages.series import spans
+from climbplan.climb.pages.series import find_spans
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.comparison import Comparison
 from climbplan.climb.simulation.instant_samples import find_instant_samples
@@ -17,12 +17,12 @@ from climbplan.climb.simulation.replay import Run
 from climbplan.climb.simulation.sweep import SweepPoint
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
-    foot_legend,
-    heading,
-    limb_name,
+    draw_foot_legend,
+    draw_heading,
+    draw_panel_title,
+    format_limb_name,
+    format_plain,
     new_figure,
-    panel_title,
-    plain,
     style_axes,
 )
 
@@ -64,22 +64,24 @@ def plot_leg(plan: ClimbPlan, run: Run, limb: int) -> Figure:
     bottom.set_ylim(0, _MAX_SHOWN_MU * float(mu.max()))
     bottom.set_xlabel("time of the plan [s]")
     for ax in (top, bottom):
-        for span in spans(~plan.trajectory.contact[:, limb]):
+        for span in find_spans(~plan.trajectory.contact[:, limb]):
             ax.axvspan(time[span.first], time[span.last], color=palette.MUTED, alpha=0.22, lw=0)
         ax.set_xlim(time[0], time[-1])
         style_axes(ax)
-    panel_title(top, "Motor nearest to its limit")
-    panel_title(bottom, "Friction coefficient at which the toe slips")
+    draw_panel_title(top, "Motor nearest to its limit")
+    draw_panel_title(bottom, "Friction coefficient at which the toe slips")
     handles = [
         Line2D([], [], color=palette.INK, lw=1.0),
         Line2D([], [], color=palette.LIMBS[0], lw=1.2, marker="o", ms=3),
         Line2D([], [], color=palette.FAILURE, lw=1.4, ls=(0, (5, 2))),
         Patch(color=palette.MUTED, alpha=0.22, lw=0),
     ]
-    foot_legend(figure, handles, ["simulated", "planned", "limit", "limb lifted"])
-    name = limb_name(plan.robot.limb_names[limb])
+    draw_foot_legend(figure, handles, ["simulated", "planned", "limit", "limb lifted"])
+    name = format_limb_name(plan.robot.limb_names[limb])
     ended = f", falls at {run.time[-1]:.0f} s" if run.fallen else ""
-    heading(figure, f"{name}: simulated and planned", plain(f"{plan.name}, MuJoCo{ended}"))
+    draw_heading(
+        figure, f"{name}: simulated and planned", format_plain(f"{plan.name}, MuJoCo{ended}")
+    )
     return figure
 
 
@@ -105,8 +107,8 @@ def plot_sag(plan: ClimbPlan, run: Run, comparison: Comparison) -> Figure:
     style_axes(ax)
     lines = [Line2D([], [], color=palette.LIMBS[axis], lw=1.2) for axis in range(3)]
     names = ["x", "y (forward)", "z (sag); dots: static equilibrium at the toes' places"]
-    foot_legend(figure, lines, names)
-    heading(figure, "Body against its planned path", plain(f"{plan.name}, MuJoCo"))
+    draw_foot_legend(figure, lines, names)
+    draw_heading(figure, "Body against its planned path", format_plain(f"{plan.name}, MuJoCo"))
     return figure
 
 
@@ -125,12 +127,14 @@ def plot_falls(points: Sequence[SweepPoint], key: str, name: str) -> Figure:
     for point in points:
         if point.no_plan:
             ax.axvline(point.value, color=palette.MUTED, lw=0.8, ls=":")
-    ax.set_xlabel(plain(key))
+    ax.set_xlabel(format_plain(key))
     ax.set_ylabel("runs that fall [%]")
     ax.set_ylim(-3, 103)
     style_axes(ax)
     no_plan_line = Line2D([], [], color=palette.MUTED, lw=0.8, ls=":")
-    foot_legend(figure, [bars.lines[0], no_plan_line], ["share of falls, 95 % interval", "no plan"])
+    draw_foot_legend(
+        figure, [bars.lines[0], no_plan_line], ["share of falls, 95 % interval", "no plan"]
+    )
     runs = max((len(p.trials) for p in points), default=0)
-    heading(figure, "Falls in random worlds", plain(f"{name}, {runs} runs a value"))
+    draw_heading(figure, "Falls in random worlds", format_plain(f"{name}, {runs} runs a value"))
     return figure

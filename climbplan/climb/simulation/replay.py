@@ -33,9 +33,9 @@ from climbplan.climb.simulation.worlds.foothold_errors import compute_foothold_c
 from climbplan.climb.simulation.worlds.perturbed_terrain import perturb_terrain
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.conditions import Conditions, regulated
-from climbplan.simulation.measures import FALLEN, TUMBLED, planned_tilt
-from climbplan.simulation.motors import believed_stiffness
+from climbplan.simulation.conditions import Conditions, select_regulator
+from climbplan.simulation.measures import FALLEN, TUMBLED, compute_tilt
+from climbplan.simulation.motors import compute_assumed_stiffness
 from climbplan.simulation.mujoco_loading import load_mujoco
 
 REST_TIME = 1.0  # [s] of constant commands, after which the body is at rest
@@ -120,7 +120,7 @@ class _MujocoRun:
         if plan.robot.gripper is not None:
             self.grips = Grips(mujoco, model, data, plan, terrain, conditions)
         self.regulator = None
-        regulator_mode = regulated(conditions, plan.robot)
+        regulator_mode = select_regulator(conditions, plan.robot)
         if regulator_mode != "nothing":
             self.regulator = Regulator(plan, correct_position=regulator_mode != "attitude")
             self.regulator.offset[:] = self.start.toes - plan.rounds.toes[0]
@@ -137,7 +137,7 @@ class _MujocoRun:
         self.carrying = np.zeros_like(self.command)
         if conditions.limb_weights:
             # Commanded with the stiffness the motors are believed to have
-            believed = believed_stiffness(plan.robot, conditions)
+            believed = compute_assumed_stiffness(plan.robot, conditions)
             self.carrying = compute_gravity_torques(plan, conditions) / believed
             self.command = self.command + self.carrying
         if conditions.world is not None:
@@ -172,7 +172,7 @@ class _MujocoRun:
             if progress is not None and sample % 100 == 0:
                 progress(sample / len(trajectory.time))
             is_low = trajectory.com[sample, 2] - rows[-1]["com"][2] > FALLEN
-            tilt = planned_tilt(rows[-1]["rotation"], planned[sample])
+            tilt = compute_tilt(rows[-1]["rotation"], planned[sample])
             if is_low or tilt > TUMBLED:
                 fallen = True
                 break

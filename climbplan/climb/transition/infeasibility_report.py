@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import IntArray
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.plan.climb_plan import sequence_name
+from climbplan.climb.plan.climb_plan import format_sequence
 from climbplan.climb.transition.footholds import GOAL, START, Poses
 from climbplan.climb.transition.pose_paths import Sequence, State, get_stance
 from climbplan.climb.transition.scene import TransitionScene
@@ -184,7 +184,7 @@ def _explain_round(
     names = scene.robot.limb_names
     moves = sequence.moves
     limbs = " ".join(names[i] for i in np.flatnonzero(moves[j]))
-    where = f"{sequence_name(moves, names)}: round {j + 1}, {limbs} lifted"
+    where = f"{format_sequence(moves, names)}: round {j + 1}, {limbs} lifted"
     row: IntArray = np.array(stance, np.int64)
     if factor <= 0 and not is_balanced(tables, row, pose):
         standing = " ".join(names[i] for i in np.flatnonzero(~moves[j]))

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.plan.climb_plan import sequence_name
+from climbplan.climb.plan.climb_plan import format_sequence
 from climbplan.climb.transition.footholds import (
     GOAL,
     START,
@@ -145,7 +145,7 @@ class SequenceSearch:
 
     def format_name(self, sequence: Sequence) -> str:
         """Format a sequence, such as "3-3: RF RM LR | RR LM LF"."""
-        return sequence_name(sequence.moves, self.scene.robot.limb_names)
+        return format_sequence(sequence.moves, self.scene.robot.limb_names)
 
     def _is_timed_out(self) -> bool:
         return time.monotonic() > self.deadline

@@ -36,7 +36,7 @@ from climbplan.climb.transition.stance_forces import SearchTables
 from climbplan.climb.transition.standing_clearance import describe_collision
 from climbplan.errors import NoPlanFound, ReachFailure, Unresolved
 from climbplan.robots.any_robot import list_assumptions
-from climbplan.schema.robots.stored import robot_texts
+from climbplan.schema.robots.stored import collect_robot_texts
 from climbplan.verification.verification import Verification
 
 _MAX_LISTED_KINDS = 4  # kinds of sequence named
@@ -392,7 +392,7 @@ def assemble_plan(run: PlanningRun, result: MethodResult) -> ClimbPlan:
         ),
         kind="transition",
         sequences=result.sequences,
-        robot_texts=robot_texts(loaded.spec.robot, loaded.directory, loaded.robot),
+        robot_texts=collect_robot_texts(loaded.spec.robot, loaded.directory, loaded.robot),
         looks=load_visual_geometry(loaded.robot, scene.robot),
     )
     return replace(plan, summary=format_summary(plan))

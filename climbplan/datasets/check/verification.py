@@ -65,7 +65,7 @@ def verify(path: Path, problem: Problem | None = None) -> Verification:
 
 
 def verify_dataset(data: Dataset, path: Path, problem: Problem | None = None) -> Verification:
-    """As `verify`, for a dataset that was read already."""
+    """Verify a dataset that was read already; its path is for messages."""
     # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
     with np.errstate(all="ignore"):
         checks = (*_check_file(data), *_check_rows(data, path, problem))

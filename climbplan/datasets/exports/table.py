@@ -19,7 +19,7 @@ FORMATS = ("csv", "parquet")
 
 
 def build_columns(data: Dataset) -> dict[str, NDArray[Any]]:
-    """Return every column (n,) by name: parameters, outcome, integers, then the solution's numbers."""
+    """Return every column (n,) by name: parameters, outcome, integers, numbers of the solution."""
     table: dict[str, NDArray[Any]] = {"row": data.row, "seed": data.seed}
     for name, values in zip(data.frame.parameter_names, data.parameters.T, strict=True):
         table[f"parameters.{name}"] = values

@@ -20,9 +20,9 @@ from climbplan.reports import palette
 from climbplan.reports.sheet import (
     draw_foot_legend,
     draw_heading,
-    new_figure,
     draw_panel_title,
     format_plain,
+    new_figure,
     style_axes,
 )
 from climbplan.reports.unit_words import format_units
@@ -123,7 +123,7 @@ def draw_states(plan: ShelfPlan) -> Figure:
 def _draw_stacked_histogram(
     ax: Axes, data: Dataset, values: Array, rows: np.ndarray, *, logarithmic: bool
 ) -> None:
-    """Histogram of values (n,) of the chosen rows, by status."""
+    """Draw a histogram of values (n,) of the chosen rows, stacked by status."""
     style_axes(ax)
     ax.set_ylabel("rows")
     if not rows.any():

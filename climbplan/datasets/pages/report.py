@@ -17,11 +17,11 @@ from climbplan.datasets.check.verification import MEANINGS, verify_dataset
 from climbplan.datasets.pages.figures import select_figures
 from climbplan.reports.page_parts import Card, Rows, Table
 from climbplan.reports.page_template import (
-    fill,
     build_origin_rows,
     build_report_fields,
     build_run_fields,
     build_verification_fields,
+    fill,
 )
 from climbplan.reports.report_files import replace_non_finite, write_files
 from climbplan.reports.report_files import write_values as write_report_values
@@ -96,7 +96,7 @@ def write_report(path: Path, directory: Path, verification: Verification | None 
 
 
 def write_values(path: Path, directory: Path, verification: Verification | None = None) -> None:
-    """As `write_report`, but report.json alone: no page, no figures."""
+    """Write report.json alone: no page, no figures."""
     data = read_dataset_file(path)
     report = build_report_values(data, verification or verify_dataset(data, path))
     write_report_values(directory, {**report, "figures": []})

@@ -23,7 +23,7 @@ from climbplan.limms.scene.limms_scene import Pose
 from climbplan.limms.schema.module import OF_MASSES, ModuleSpec
 from climbplan.schema.holding import HeldSpec
 from climbplan.verification.check import Check
-from climbplan.verification.held import held_check
+from climbplan.verification.held import check_spec_differences
 
 
 def check_plan(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check]:
@@ -47,7 +47,7 @@ def check_plan(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check]
     if held is None:
         yield from check_spec(plan)
     else:
-        yield held_check(held)
+        yield check_spec_differences(held)
         yield from check_spec(replace(plan, spec_text=held.text, module_text=held.module_text))
     yield from _check_samples(plan)
     yield from _check_logic(plan)

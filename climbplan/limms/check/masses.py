@@ -14,7 +14,7 @@ from climbplan.limms.check.limits import judge
 from climbplan.limms.check.loads import StretchLoads, compute_loads
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.schema.module import ModuleSpec
-from climbplan.verification.check import Check, unjudged
+from climbplan.verification.check import Check, mark_unjudged
 
 MASSLESS = "massless modules"
 _NOT_JUDGED = MASSLESS
@@ -87,7 +87,7 @@ def _check(plan: LimmsPlan, name: str, worst: _WorstLoad) -> Check:
     check = replace(check, holds=worst.holds, needed=worst.needed)
     if not plan.massless:
         return check
-    return unjudged(check, _NOT_JUDGED, MASSLESS, f"with masses, {worst.message}")
+    return mark_unjudged(check, _NOT_JUDGED, MASSLESS, f"with masses, {worst.message}")
 
 
 def _check_balance(loads: StretchLoads, worst_loads: WorstLoads) -> None:

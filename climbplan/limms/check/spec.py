@@ -13,8 +13,13 @@ from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene, build_scene
 from climbplan.limms.schema.loading import stored_limms
 from climbplan.limms.schema.model import LimmsSpec
 from climbplan.limms.schema.module import OF_MASSES
-from climbplan.verification.check import Check, not_compared
-from climbplan.verification.differences import Difference, largest, parts_apart, same
+from climbplan.verification.check import Check, mark_not_compared
+from climbplan.verification.differences import (
+    Difference,
+    check_equality,
+    compare_recursively,
+    select_largest,
+)
 
 
 def check_spec(plan: LimmsPlan) -> Iterator[Check]:
@@ -30,10 +35,12 @@ def check_spec(plan: LimmsPlan) -> Iterator[Check]:
     built = stored.loaded.module.model_dump(mode="json")
     if stored.reason:
         note = f"{stored.reason}: the modules are taken from the plan file"
-        yield not_compared(judge("robot.spec", 0.0), note, "modules as stored", note)
+        yield mark_not_compared(judge("robot.spec", 0.0), note, "modules as stored", note)
     else:
         left_out = [name for name in OF_MASSES if plan.massless and name not in plan.module]
-        yield _judge_largest("robot.spec", parts_apart("module", plan.module, built, left_out))
+        yield _judge_largest(
+            "robot.spec", compare_recursively("module", plan.module, built, left_out)
+        )
     scene = build_scene(stored.loaded)
     yield _judge_largest("file.spec_values", _compare_values(plan, scene, stored.loaded.spec))
 
@@ -41,15 +48,15 @@ def check_spec(plan: LimmsPlan) -> Iterator[Check]:
 def _compare_values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Difference]:
     """Yield the differences of stored and rebuilt values."""
     motion, offset = plan.motion, scene.wall_offset
-    yield same("massless", plan.massless == spec.massless)
-    yield same("seed", plan.seed == spec.seed)
-    yield same("title", plan.title == spec.title)
-    yield same("solver.method", plan.method == spec.solver.method)
+    yield check_equality("massless", plan.massless == spec.massless)
+    yield check_equality("seed", plan.seed == spec.seed)
+    yield check_equality("title", plan.title == spec.title)
+    yield check_equality("solver.method", plan.method == spec.solver.method)
     distance = float(np.linalg.norm(motion.box_position[-1] - plan.goal, axis=-1).max())
-    yield from parts_apart("objective", plan.objective, distance)
+    yield from compare_recursively("objective", plan.objective, distance)
     same_names = plan.module_names == scene.module_names
-    yield same("modules: names", same_names)
-    yield same("terrain.anchors: names", plan.anchor_names == scene.anchor_names)
+    yield check_equality("modules: names", same_names)
+    yield check_equality("terrain.anchors: names", plan.anchor_names == scene.anchor_names)
     pairs = {
         "box.size": (plan.box_size, scene.box_size),
         "box.mass": (plan.box_mass, scene.box_mass),
@@ -67,12 +74,12 @@ def _compare_values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[
         ),
     }
     for key, (stored, built) in pairs.items():
-        yield from parts_apart(key, stored, built)
+        yield from compare_recursively(key, stored, built)
     if same_names:
         first_ends = np.where(
             (scene.start_anchor >= 0)[:, None], _list_anchor_positions(scene), scene.start_position
         )
-        yield from parts_apart("modules", motion.joint_position[0, :, 0], first_ends)
+        yield from compare_recursively("modules", motion.joint_position[0, :, 0], first_ends)
 
 
 def _list_anchor_positions(scene: Scene) -> np.ndarray:
@@ -84,5 +91,5 @@ def _list_anchor_positions(scene: Scene) -> np.ndarray:
 
 def _judge_largest(name: str, differences: Iterator[Difference]) -> Check:
     """Return the check of the largest difference."""
-    worst = largest(differences)
+    worst = select_largest(differences)
     return judge(name, worst.size, f"{worst.key}: {worst.values}" if worst.size > 0 else "")

@@ -14,7 +14,7 @@ from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.scene.limms_scene import GRAVITY
 from climbplan.schema.holding import HeldSpec
 from climbplan.verification.check import LeftOut
-from climbplan.verification.held import held_against
+from climbplan.verification.held import describe_reference
 from climbplan.verification.verification import Verification, mark_verified
 
 
@@ -36,7 +36,7 @@ def verify_plan(plan: LimmsPlan, held: HeldSpec | None = None) -> Verification:
     # Invalid numbers become infinite or NaN and fail their check without a warning
     with np.errstate(all="ignore"):
         checks = tuple(check_plan(plan, held))
-        verification = Verification(checks, against=held_against(plan, held))
+        verification = Verification(checks, against=describe_reference(plan, held))
         return (
             verification
             if verification.unsound

@@ -11,7 +11,14 @@ from matplotlib.ticker import MaxNLocator
 from climbplan.limms.plan.convergence import Convergence
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.reports import palette
-from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
+from climbplan.reports.sheet import (
+    draw_foot_legend,
+    draw_heading,
+    draw_panel_title,
+    format_plain,
+    new_figure,
+    style_axes,
+)
 
 _NAMES = {"box": "box, r_pB", "points": "modules, r_pL", "axes": "frames, r_RL"}
 _MIN_VALUE = 1e-6  # [m], [rad], smallest value on the logarithmic scale
@@ -29,7 +36,7 @@ def plot_convergence(plan: LimmsPlan) -> Figure:
     note = f"{len(record.attempt)} iterations" + (
         f", {tried} choices of modes" if tried > 1 else ""
     )
-    heading(figure, plain(plan.title or plan.name), note)
+    draw_heading(figure, format_plain(plan.title or plan.name), note)
     left, right = figure.subplots(1, 2)
     colors = dict(zip(_NAMES, palette.LIMBS, strict=False))
     for ax, names, limit in ((left, ("box", "points"), 0.01), (right, ("axes",), 0.1)):
@@ -39,14 +46,14 @@ def plot_convergence(plan: LimmsPlan) -> Figure:
         _style_axes(ax, record)
     left.set_ylabel("positions apart [m]")
     right.set_ylabel("frames apart [rad]")
-    panel_title(left, "Positions", "dots: 1 cm")
-    panel_title(right, "Frames", "dots: 0.1 rad")
+    draw_panel_title(left, "Positions", "dots: 1 cm")
+    draw_panel_title(right, "Frames", "dots: 0.1 rad")
     handles = [Line2D([], [], color=color, linewidth=1.6) for color in colors.values()]
     handles += [
         Line2D([], [], color=palette.MUTED, linewidth=1.6),
         Line2D([], [], color=palette.MUTED, linewidth=1.2, linestyle="--"),
     ]
-    foot_legend(figure, handles, [*_NAMES.values(), "mean", "largest"])
+    draw_foot_legend(figure, handles, [*_NAMES.values(), "mean", "largest"])
     return figure
 
 

@@ -11,7 +11,14 @@ from climbplan.arrays import Array
 from climbplan.limms.modules.loads import compute_loads
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.reports import palette
-from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
+from climbplan.reports.sheet import (
+    draw_foot_legend,
+    draw_heading,
+    draw_panel_title,
+    format_plain,
+    new_figure,
+    style_axes,
+)
 
 
 def plot_loads(plan: LimmsPlan) -> Figure:
@@ -19,20 +26,22 @@ def plot_loads(plan: LimmsPlan) -> Figure:
     loads = compute_loads(plan)
     count = len(plan.module_names)
     figure = new_figure(3.9, entries=count + 2)
-    heading(figure, plain(plan.title or plan.name), "from the box's forces alone")
+    draw_heading(figure, format_plain(plan.title or plan.name), "from the box's forces alone")
     left, right = figure.subplots(1, 2)
     limit = float(plan.module["max_force"])
     _plot_curves(left, plan, loads.force, limit)
-    panel_title(left, "Force [N]", f"limit {limit:g} N")
+    draw_panel_title(left, "Force [N]", f"limit {limit:g} N")
     _plot_curves(right, plan, loads.torque, loads.limit)
-    panel_title(right, "Torque at the worst joint [N m]", f"limit {loads.limit:g} N m")
+    draw_panel_title(right, "Torque at the worst joint [N m]", f"limit {loads.limit:g} N m")
     if loads.own_weight <= loads.limit:
         right.axhline(loads.own_weight, color=palette.REQUIRED, linewidth=0.9, linestyle=":")
-    handles = [Line2D([], [], color=palette.limb_color(m), linewidth=2) for m in range(count)]
+    handles = [
+        Line2D([], [], color=palette.choose_limb_color(m), linewidth=2) for m in range(count)
+    ]
     handles.append(Line2D([], [], color=palette.FAILURE, linewidth=0.9, linestyle="--"))
     handles.append(Line2D([], [], color=palette.REQUIRED, linewidth=0.9, linestyle=":"))
-    names = [plain(name, 12) for name in plan.module_names]
-    foot_legend(figure, handles, [*names, "limit", "a straight module held level, itself"])
+    names = [format_plain(name, 12) for name in plan.module_names]
+    draw_foot_legend(figure, handles, [*names, "limit", "a straight module held level, itself"])
     return figure
 
 
@@ -44,7 +53,7 @@ def _plot_curves(ax: Axes, plan: LimmsPlan, values: Array, limit: float) -> None
         if values[:, m].max() > 0:
             # Decreasing widths keep coinciding curves visible
             width = 1.3 + 0.9 * (count - 1 - m)
-            ax.plot(time, values[:, m], color=palette.limb_color(m), linewidth=width)
+            ax.plot(time, values[:, m], color=palette.choose_limb_color(m), linewidth=width)
     ax.axhline(limit, color=palette.FAILURE, linewidth=0.9, linestyle="--")
     start, end = _find_loaded_time(plan, values)
     ax.set_xlim(start, end)

@@ -13,7 +13,14 @@ from matplotlib.patches import Patch
 from climbplan.limms.pages.time_axis import TimeScale
 from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.reports import palette
-from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
+from climbplan.reports.sheet import (
+    draw_foot_legend,
+    draw_heading,
+    draw_panel_title,
+    format_plain,
+    new_figure,
+    style_axes,
+)
 
 BOX_COLORS = {1: "#C9D2DC", 2: "#56B4E9", 3: "#E69F00", 4: "#009E73"}
 _STYLES = ("-", "--", "-.")  # of boxes
@@ -26,7 +33,7 @@ def plot_modes(plan: LimmsPlan) -> Figure:
     count = plan.deliveries
     rows = len(plan.module_names) + count
     figure = new_figure(2.6 + 0.42 * rows, entries=len(BOX_MODES) + len(MODULE_MODES))
-    heading(figure, plain(plan.title or plan.name), plain(plan.sequence))
+    draw_heading(figure, format_plain(plan.title or plan.name), format_plain(plan.sequence))
     top, below = figure.subplots(2, 1, sharex=True, height_ratios=[0.5 * rows + 0.3, 1.6])
     boxes = ["box"] if count == 1 else [f"box {b}" for b in range(count)]
     names = [*boxes, *plan.module_names]
@@ -42,9 +49,9 @@ def plot_modes(plan: LimmsPlan) -> Figure:
         if not is_box:
             _label_latches(plan, row - count, row, top, scale)
 
-    top.set_yticks(range(len(names)), [plain(name, 12) for name in names])
+    top.set_yticks(range(len(names)), [format_plain(name, 12) for name in names])
     top.invert_yaxis()
-    panel_title(top, "Modes", "text: the anchors that a module's ends are latched to")
+    draw_panel_title(top, "Modes", "text: the anchors that a module's ends are latched to")
     style_axes(top)
     for b, axis in product(range(count), range(3)):
         color, style = palette.LIMBS[axis], _STYLES[b % len(_STYLES)]
@@ -58,12 +65,12 @@ def plot_modes(plan: LimmsPlan) -> Figure:
     if is_turned:
         _plot_yaws(plan, below)
     below.legend(frameon=False, fontsize=8, ncols=3 + is_turned, loc="upper left")
-    panel_title(below, "Centre of the box" + "es" * (count > 1), "dots: goal")
+    draw_panel_title(below, "Centre of the box" + "es" * (count > 1), "dots: goal")
     style_axes(below)
     scale.apply((top, below))
     handles = [Patch(color=c) for c in (*BOX_COLORS.values(), *MODULE_COLORS.values())]
     labels = [*(f"box {n}" for n in BOX_MODES.values()), *MODULE_MODES.values()]
-    foot_legend(figure, handles, labels)
+    draw_foot_legend(figure, handles, labels)
     return figure
 
 
@@ -99,8 +106,8 @@ def _label_latches(plan: LimmsPlan, module: int, row: int, ax: Axes, scale: Time
         start, end = motion.time[first], motion.time[last]
         width = float(np.diff(scale.map_times(np.array([start, end])))[0])
         if names and width > 0.05:
-            text = plain(" + ".join(names), 28)
-            color = palette.ink_on(
+            text = format_plain(" + ".join(names), 28)
+            color = palette.choose_ink(
                 MODULE_COLORS.get(int(motion.mode[first, module]), palette.FAILURE)
             )
             ax.text(

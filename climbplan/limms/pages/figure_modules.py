@@ -13,8 +13,14 @@ from climbplan.limms.pages.obstacles import find_obstacles
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.scene.placement import rotation_about_vertical
 from climbplan.reports import palette
-from climbplan.reports.camera import Camera, silhouette
-from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain
+from climbplan.reports.camera import Camera, compute_silhouette
+from climbplan.reports.sheet import (
+    draw_foot_legend,
+    draw_heading,
+    draw_panel_title,
+    format_plain,
+    new_figure,
+)
 
 _CAMERA = Camera(-62.0, 22.0)
 _MAX_PICTURES = 8
@@ -26,8 +32,10 @@ def plot_key_poses(plan: LimmsPlan) -> Figure:
     samples = _select_samples(plan)
     rows = -(-len(samples) // 4)
     figure = new_figure(0.8 + 2.9 * rows, entries=len(plan.module_names))
-    heading(
-        figure, plain(plan.title or plan.name), "ends of stages; squares: anchors, dashes: goal"
+    draw_heading(
+        figure,
+        format_plain(plan.title or plan.name),
+        "ends of stages; squares: anchors, dashes: goal",
     )
     axes = np.atleast_1d(figure.subplots(rows, min(4, len(samples)), squeeze=False)).ravel()
     low, high = _compute_bounds(plan)
@@ -39,14 +47,14 @@ def plot_key_poses(plan: LimmsPlan) -> Figure:
         ax.set_aspect("equal")
         time = float(plan.motion.time[sample])
         stage = next((n for n, a, b in plan.stages if a <= time <= b + 1e-9), "")
-        panel_title(ax, f"{time:.2f} s", plain(stage, 24))
+        draw_panel_title(ax, f"{time:.2f} s", format_plain(stage, 24))
     for ax in axes:
         ax.set_axis_off()
     handles = [
-        Line2D([], [], color=palette.limb_color(m), linewidth=4)
+        Line2D([], [], color=palette.choose_limb_color(m), linewidth=4)
         for m in range(len(plan.module_names))
     ]
-    foot_legend(figure, handles, [plain(name, 12) for name in plan.module_names])
+    draw_foot_legend(figure, handles, [format_plain(name, 12) for name in plan.module_names])
     return figure
 
 
@@ -104,7 +112,9 @@ def _draw(ax: Axes, plan: LimmsPlan, sample: int) -> None:
     for goal_position, goal_yaw, size in zip(
         plan.goal, plan.goal_yaw, plan.box_size[:count], strict=False
     ):
-        goal = silhouette(_CAMERA.project(_build_box_corners(goal_position, float(goal_yaw), size)))
+        goal = compute_silhouette(
+            _CAMERA.project(_build_box_corners(goal_position, float(goal_yaw), size))
+        )
         outline = Polygon(goal, fill=False, edgecolor=palette.FAILURE, linestyle="--")
         outline.set_linewidth(1)
         ax.add_patch(outline)
@@ -115,7 +125,7 @@ def _draw(ax: Axes, plan: LimmsPlan, sample: int) -> None:
         ax.plot(
             points[:, 0],
             points[:, 1],
-            color=palette.limb_color(m),
+            color=palette.choose_limb_color(m),
             linewidth=3.2,
             solid_capstyle="round",
             marker="o",

@@ -10,15 +10,15 @@ from climbplan.limms.pages.scene import build_module_scene
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.reports.page_parts import Card, Table, read_part
 from climbplan.reports.page_template import (
-    data_element,
+    build_data_element,
+    build_origin_rows,
+    build_plan_tables,
+    build_report_fields,
+    build_run_fields,
+    build_verification_fields,
     fill,
-    origin_rows,
-    plan_tables,
-    report_fields,
-    run_fields,
-    verification_fields,
 )
-from climbplan.reports.scene_replay import scene_replay
+from climbplan.reports.scene_replay import build_scene_replay
 
 
 def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
@@ -30,22 +30,22 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
         images: PNG files by name.
     """
     limits = report["limits"]
-    origin = origin_rows(report, {"Method": report["method"], "Modes": report["sequence"]})
+    origin = build_origin_rows(report, {"Method": report["method"], "Modes": report["sequence"]})
     return fill(
         "limms.html",
-        **report_fields(
+        **build_report_fields(
             report,
             "limms",
             _build_cards(report),
             images,
             report["status"],
             (read_part("replay.js"),),
-            data_element("replay-data", scene_replay(build_module_scene(plan))),
+            build_data_element("replay-data", build_scene_replay(build_module_scene(plan))),
         ),
-        **verification_fields(
+        **build_verification_fields(
             report, {name: limit.meaning for name, limit in (LIMITS | MASS_LIMITS).items()}
         ),
-        **run_fields(report, plan_tables(report, origin)),
+        **build_run_fields(report, build_plan_tables(report, origin)),
         stages=Table.of(
             ("Stage", "From [s]", "To [s]"),
             ((s["name"], f"{s['begin']:.2f}", f"{s['end']:.2f}") for s in report["stages"]),

@@ -14,7 +14,7 @@ from climbplan.limms.plan.file import FORMAT, FORMAT_VERSION, read_limms_plan
 from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan.summary import list_box_modes, list_module_modes
 from climbplan.reports.plan_report import FigureOf, PlanReport
-from climbplan.reports.report_files import finite
+from climbplan.reports.report_files import replace_non_finite
 from climbplan.verification.verification import Verification
 
 if TYPE_CHECKING:
@@ -129,7 +129,7 @@ def _build_values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]
     if plan.convergence is not None:
         record = vars(plan.convergence)
         report["convergence"] = {key: values.tolist() for key, values in record.items()}
-    finite_values: dict[str, Any] = finite(report)
+    finite_values: dict[str, Any] = replace_non_finite(report)
     return finite_values
 
 

@@ -13,8 +13,8 @@ from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
 from climbplan.limms.plan.summary import describe_boxes
 from climbplan.limms.scene.placement import rotation_about_vertical
 from climbplan.reports import palette
-from climbplan.reports.key_frames import key_frames
-from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, block
+from climbplan.reports.key_frames import select_key_frames
+from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, build_block
 
 _TOLERANCE = 2e-3  # [m], error of the view between key frames
 _GROUND_MARGIN = 0.4  # [m] of ground and walls drawn beyond the motion
@@ -46,7 +46,7 @@ def build_module_scene(plan: LimmsPlan) -> Scene:
     )
     changed = (np.diff(motion.time) <= 0) | (np.diff(motion.mode, axis=0) != 0).any(axis=1)
     forced = np.concatenate([[False], changed]) | np.concatenate([changed, [False]])
-    frames = key_frames(motion.time, values, forced, _TOLERANCE)
+    frames = select_key_frames(motion.time, values, forced, _TOLERANCE)
     joints = motion.joint_position[frames]  # (F, L, 8, 3)
     links = np.stack([joints[:, :, :-1], joints[:, :, 1:]], axis=3)  # (F, L, 7, 2, 3)
     boxes = motion.box_position[frames]
@@ -76,7 +76,7 @@ def build_module_scene(plan: LimmsPlan) -> Scene:
         rods=Rods(
             links.reshape(len(frames), modules * num_links, 2, 3),
             np.full(modules * num_links, float(plan.module["radius"])),
-            tuple(palette.limb_color(m) for m in range(modules) for _ in range(num_links)),
+            tuple(palette.choose_limb_color(m) for m in range(modules) for _ in range(num_links)),
         ),
         boxes=_build_boxes(plan, boxes, motion.box_yaw[frames]),
         forces=_build_forces(plan, frames),
@@ -118,9 +118,9 @@ def _build_solids(plan: LimmsPlan, lower: Array, upper: Array) -> list[Shape]:
         if not (a < b).all():
             continue
         if (obstacles == np.stack([low, high])).all(axis=(1, 2)).any():
-            shapes.append(block(f"obstacle {number}", a, b, palette.MUTED, 0.8))
+            shapes.append(build_block(f"obstacle {number}", a, b, palette.MUTED, 0.8))
         else:
-            shapes.append(block(f"solid {number}", a, b, palette.SURFACE, 0.5))
+            shapes.append(build_block(f"solid {number}", a, b, palette.SURFACE, 0.5))
     return shapes
 
 
@@ -130,14 +130,14 @@ def _build_anchors(plan: LimmsPlan) -> list[Shape]:
     half = _ANCHOR_SIZE / 2
     anchors = zip(plan.anchor_names[first:], plan.motion.anchor_position[0, first:], strict=True)
     shapes = [
-        block(name, position - half, position + half, palette.FORCE, 1.0)
+        build_block(name, position - half, position + half, palette.FORCE, 1.0)
         for name, position in anchors
     ]
     for b, (goal, half) in enumerate(zip(plan.goal, plan.box_size / 2, strict=True)):
         if b < plan.deliveries:
             name = f"goal {b}" if plan.deliveries > 1 else "goal"
             yaw = float(plan.goal_yaw[b])
-            shapes.append(block(name, goal - half, goal + half, palette.LABELS[0], 0.2, yaw))
+            shapes.append(build_block(name, goal - half, goal + half, palette.LABELS[0], 0.2, yaw))
     return shapes
 
 

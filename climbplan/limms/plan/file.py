@@ -11,8 +11,8 @@ import numpy as np
 from climbplan.limms.plan.convergence import RESIDUALS, Convergence
 from climbplan.limms.plan.limms_plan import LimmsPlan, Motion
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_text
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_dataset, write_text
 from climbplan.store.root_attributes import (
     read_header,
     read_status,
@@ -95,7 +95,7 @@ def write_limms_plan(plan: LimmsPlan, path: Path) -> None:
     Raises:
         UsageError: The file cannot be written.
     """
-    with new_store(path) as file:
+    with create_store(path) as file:
         _write_header(file, plan)
         for name in ("box", "limms", "anchors", "terrain"):
             file.create_group(name)
@@ -130,7 +130,7 @@ def read_limms_plan(path: Path) -> LimmsPlan:
 
 def read_unchecked_plan(path: Path) -> LimmsPlan:
     """Read a plan as `read_limms_plan` does, but list values that are not finite, for a check."""
-    with opened_store(path) as file:
+    with open_store(path) as file:
         reader = Reader(path, file)
         require_plan(reader, FORMAT_VERSION, FORMAT)
         return _read(reader)

@@ -13,9 +13,9 @@ from climbplan.limms.schema.model import LimmsSpec
 from climbplan.limms.schema.module import ModuleSpec
 from climbplan.limms.schema.placing import find_placing_faults
 from climbplan.schema.document import Document, Finding
-from climbplan.schema.fields import nearest
+from climbplan.schema.fields import find_closest_name
 from climbplan.schema.kinds import validate, validate_kind
-from climbplan.schema.loaded import LoadedSpec, origin_of
+from climbplan.schema.loaded import LoadedSpec, describe_origin
 from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.yaml_source import parse_yaml
@@ -54,7 +54,7 @@ def limms_of(document: Document, text: SourceText) -> LoadedLimms:
     if spec is None or module is None or mistakes:
         raise SpecError(document.source, mistakes)
     return LoadedLimms(
-        spec=spec, module=module, module_text=module_text, **origin_of(document, text)
+        spec=spec, module=module, module_text=module_text, **describe_origin(document, text)
     )
 
 
@@ -95,7 +95,7 @@ def stored_limms(text: str, module_text: str, module: Mapping[str, Any]) -> Stor
         reason = f"{spec.robot!r} is no built-in module"
     source = SourceText("spec", "spec", Path(), text)
     return StoredLimms(
-        LoadedLimms(spec=spec, module=stored_module, **origin_of(document, source)), reason
+        LoadedLimms(spec=spec, module=stored_module, **describe_origin(document, source)), reason
     )
 
 
@@ -143,7 +143,7 @@ def _load_module(
                 f"expected a built-in module ({', '.join(builtin)}) or the path of a module YAML "
                 f"file, got {reference!r}"
             )
-            finding = Finding(("robot",), expected, nearest(reference, builtin))
+            finding = Finding(("robot",), expected, find_closest_name(reference, builtin))
             return None, "", [document.mistake(finding)]
         return load_builtin_module(reference), "", []
     try:

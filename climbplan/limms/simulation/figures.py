@@ -11,7 +11,14 @@ from climbplan.arrays import Array
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.simulation.replay import ModuleRun
 from climbplan.reports import palette
-from climbplan.reports.sheet import foot_legend, heading, new_figure, panel_title, plain, style_axes
+from climbplan.reports.sheet import (
+    draw_foot_legend,
+    draw_heading,
+    draw_panel_title,
+    format_plain,
+    new_figure,
+    style_axes,
+)
 
 
 def plot_path(plan: LimmsPlan, run: ModuleRun) -> Figure:
@@ -21,11 +28,13 @@ def plot_path(plan: LimmsPlan, run: ModuleRun) -> Figure:
     for k, ax in enumerate(axes[:3]):
         ax.plot(run.time, run.planned_box[:, :, k], color=palette.LIMBS[0], lw=1.8)
         ax.plot(run.time, run.box[:, :, k], color=palette.INK, lw=0.9)
-        panel_title(ax, "xyz"[k], "[m]")
+        draw_panel_title(ax, "xyz"[k], "[m]")
     axes[3].plot(run.time, np.rad2deg(run.tilt), color=palette.INK, lw=0.9)
-    panel_title(axes[3], "tilt", "[deg]")
+    draw_panel_title(axes[3], "tilt", "[deg]")
     _style_panels(plan, run, axes)
-    heading(figure, "Boxes" if plan.deliveries > 1 else "Box", plain(f"{plan.name}, MuJoCo"))
+    draw_heading(
+        figure, "Boxes" if plan.deliveries > 1 else "Box", format_plain(f"{plan.name}, MuJoCo")
+    )
     _add_legend(figure)
     return figure
 
@@ -54,13 +63,13 @@ def plot_loads(plan: LimmsPlan, run: ModuleRun) -> Figure:
     for ax, (title, unit, limit, values) in zip(axes, panels, strict=False):
         ax.plot(run.time, values[0], color=palette.LIMBS[0], lw=1.8)
         ax.plot(run.time, values[1], color=palette.INK, lw=0.9)
-        panel_title(ax, title, unit)
+        draw_panel_title(ax, title, unit)
         if not plan.massless:
             ax.axhline(limit, color=palette.FAILURE, lw=1.2, ls=(0, (5, 2)))
     for ax in axes[len(panels) :]:
         ax.remove()
     _style_panels(plan, run, axes[: len(panels)])
-    heading(figure, "Loads, the most of any", plain(f"{plan.name}, MuJoCo"))
+    draw_heading(figure, "Loads, the most of any", format_plain(f"{plan.name}, MuJoCo"))
     _add_legend(figure, limit=not plan.massless)
     return figure
 
@@ -118,4 +127,4 @@ def _add_legend(figure: Figure, limit: bool = False) -> None:
     if limit:
         handles.append(Line2D([], [], color=palette.FAILURE, lw=1.2, ls=(0, (5, 2))))
         names.append("limit")
-    foot_legend(figure, handles, names)
+    draw_foot_legend(figure, handles, names)

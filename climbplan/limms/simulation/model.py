@@ -16,7 +16,7 @@ from climbplan.limms.modules.inertia import build_link_bodies
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.scene.limms_scene import GRAVITY
 from climbplan.limms.schema.module import JOINTS, LINKS, ModuleSpec
-from climbplan.simulation.attributes import numbers
+from climbplan.simulation.attributes import format_numbers
 from climbplan.simulation.conditions import Conditions
 
 TIME_STEP = 5e-4  # [s] at most
@@ -117,8 +117,8 @@ def _build_surroundings(plan: LimmsPlan) -> str:
     for lower, upper, opaque in solids:
         colour = "0.60 0.62 0.65 1" if opaque else "0.60 0.62 0.65 0.15"
         geoms.append(
-            f'<geom type="box" pos="{numbers((lower + upper) / 2)}"'
-            f' size="{numbers((upper - lower) / 2)}" rgba="{colour}"'
+            f'<geom type="box" pos="{format_numbers((lower + upper) / 2)}"'
+            f' size="{format_numbers((upper - lower) / 2)}" rgba="{colour}"'
             f' contype="{_SOLID}" conaffinity="0"/>'
         )
     return "\n".join(geoms)
@@ -130,10 +130,10 @@ def _build_box(plan: LimmsPlan, b: int, conditions: Conditions) -> str:
     mass = float(plan.box_mass[b]) + conditions.payload
     inertia = mass / 12 * ((size**2).sum() - size**2)
     return (
-        f'<body name="{name}" pos="{numbers(plan.motion.box_position[0, b])}"'
+        f'<body name="{name}" pos="{format_numbers(plan.motion.box_position[0, b])}"'
         f' euler="0 0 {plan.motion.box_yaw[0, b]:.9g}"><freejoint/>'
-        f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="{numbers(inertia)}"/>'
-        f'<geom name="{name}" type="box" size="{numbers(size / 2)}" rgba="0.80 0.62 0.38 1"'
+        f'<inertial pos="0 0 0" mass="{mass:.9g}" diaginertia="{format_numbers(inertia)}"/>'
+        f'<geom name="{name}" type="box" size="{format_numbers(size / 2)}" rgba="0.80 0.62 0.38 1"'
         f' contype="{_BOX}" conaffinity="{_SOLID | _BOX}"/></body>'
     )
 
@@ -155,7 +155,7 @@ def _build_chain(m: int, module: ModuleSpec) -> str:
         text += (
             f'<body name="{link_name(m, k)}" pos="{position}">{joint if k else "<freejoint/>"}'
             f'<inertial pos="0 0 {bodies.com[k]:.9g}" mass="{bodies.mass[k]:.9g}"'
-            f' diaginertia="{numbers(inertia)}"/>'
+            f' diaginertia="{format_numbers(inertia)}"/>'
             f'<geom type="capsule" fromto="0 0 0 0 0 {module.link_lengths[k]:.9g}"'
             f' size="{module.radius:.9g}" rgba="{colour} 1" contype="0" conaffinity="0"/>'
         )

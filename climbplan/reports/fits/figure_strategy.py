@@ -17,8 +17,8 @@ from climbplan.reports import palette
 from climbplan.reports.sheet import (
     draw_foot_legend,
     draw_heading,
-    new_figure,
     draw_panel_title,
+    new_figure,
     style_axes,
 )
 

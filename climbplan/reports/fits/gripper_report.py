@@ -13,9 +13,9 @@ from climbplan.mechanics.gripper_model import FORMAT, FORMAT_VERSION, GripperMod
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     draw_heading,
-    new_figure,
     draw_panel_title,
     format_plain,
+    new_figure,
     render_png,
     style_axes,
 )

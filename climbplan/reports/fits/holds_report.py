@@ -38,7 +38,7 @@ class Graspable:
 
 
 def find_graspable(raw: RawScan, scan: ScanSpec, grasping: Grasping, name: str) -> Graspable:
-    """Return holds of a scanned wall, or of the closed bodies of a mesh; raises ScanError for none."""
+    """Return holds of a scanned wall or of closed bodies of a mesh; raises ScanError for none."""
     report = {
         "name": name,
         "file_read": scan.file,

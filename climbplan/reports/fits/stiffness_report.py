@@ -17,9 +17,9 @@ from climbplan.reports import palette
 from climbplan.reports.sheet import (
     draw_foot_legend,
     draw_heading,
-    new_figure,
     draw_panel_title,
     format_plain,
+    new_figure,
     render_png,
     style_axes,
 )

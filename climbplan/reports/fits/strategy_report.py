@@ -12,10 +12,10 @@ from climbplan.learning.model_file import FORMAT, FORMAT_VERSION, ModelFile
 from climbplan.reports.fits.figure_strategy import draw_ranks, draw_spaces
 from climbplan.reports.page_parts import Card, Table, format_value
 from climbplan.reports.page_template import (
-    fill,
     build_origin_rows,
     build_report_fields,
     build_run_fields,
+    fill,
 )
 from climbplan.reports.report_files import replace_non_finite, write_files
 from climbplan.reports.sheet import render_png

@@ -12,8 +12,8 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from climbplan.reports import palette
 from climbplan.reports.page_parts import Card, Table
-from climbplan.reports.page_template import fill, build_frame_fields
-from climbplan.reports.sheet import draw_heading, new_figure, format_plain, render_png
+from climbplan.reports.page_template import build_frame_fields, fill
+from climbplan.reports.sheet import draw_heading, format_plain, new_figure, render_png
 from climbplan.reports.unit_words import format_units
 from climbplan.scan.study import FittedScan
 from climbplan.schema.yaml_source import write_yaml

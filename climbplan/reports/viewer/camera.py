@@ -13,7 +13,7 @@ _LAG = 0.04  # of it, over which the way is smoothed
 
 
 def measure_moving_parts(scene: Scene) -> tuple[Array, float]:
-    """Return the middle of what moves (F, 3), and the largest extent that it has at any time [m]."""
+    """Return the middle of what moves (F, 3), and its largest extent at any time [m]."""
     points = []
     if scene.rods is not None:
         points.append(scene.rods.ends.reshape(len(scene.time), -1, 3))

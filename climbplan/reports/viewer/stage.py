@@ -58,7 +58,7 @@ def _open_cone() -> trimesh.Trimesh:
 
 
 def _align_z_to(direction: Array) -> Array:
-    """Return wxyz (K, 4) that turn z to directions (K, 3), which need not be unit; zero: no turn."""
+    """Return wxyz (K, 4) that rotate z to directions (K, 3) of any length; zero: no rotation."""
     length = np.linalg.norm(direction, axis=-1, keepdims=True)
     unit = np.where(length > 0, direction / np.maximum(length, 1e-12), [0.0, 0.0, 1.0])
     # Half way between z and the direction; turned about x where they are opposite.

@@ -12,9 +12,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
-from climbplan.schema.robots.urdf.meshes import mesh_path, y_is_up
+from climbplan.schema.robots.urdf.meshes import find_mesh, is_y_up
 from climbplan.schema.robots.urdf.robot import UrdfRobot
-from climbplan.schema.robots.xml import Element, number_of, parsed, vector_of
+from climbplan.schema.robots.xml import (
+    Element,
+    parse_xml,
+    read_number_attribute,
+    read_vector_attribute,
+)
 
 
 @dataclass(frozen=True)
@@ -65,7 +70,7 @@ def write_canonical_urdf(robot: UrdfRobot) -> str:
     Meshes that are not needed are left out, and so is all that has neither mass nor collisions:
     pictures, transmissions, dampers.
     """
-    root = parsed(robot.tree.text)
+    root = parse_xml(robot.tree.text)
     root.attributes["name"] = robot.tree.name
     meshes = {name: str(path) for name, path in robot.meshes.items()}
     _turn_meshes_upright(root, meshes)
@@ -78,7 +83,7 @@ def write_visual_urdf(robot: UrdfRobot) -> str:
     Raises:
         UrdfFault: A mesh does not exist, or a number cannot be read.
     """
-    root = parsed(robot.tree.text)
+    root = parse_xml(robot.tree.text)
     root.attributes["name"] = robot.tree.name
     meshes = {
         mesh.attributes["filename"]: mesh
@@ -88,7 +93,7 @@ def write_visual_urdf(robot: UrdfRobot) -> str:
         if (mesh := geometry.first("mesh")) is not None and "filename" in mesh.attributes
     }
     paths = {
-        name: str(mesh_path(name, robot.tree.path, robot.spec.packages, robot.directory))
+        name: str(find_mesh(name, robot.tree.path, robot.spec.packages, robot.directory))
         for name in meshes
     }
     _turn_meshes_upright(root, paths)
@@ -100,7 +105,7 @@ def _turn_meshes_upright(root: Element, meshes: dict[str, str]) -> None:
 
     A further rotation about x by 90 degrees is one more of the first of three about fixed axes.
     """
-    y_up = {name for name, path in meshes.items() if y_is_up(Path(path))}
+    y_up = {name for name, path in meshes.items() if is_y_up(Path(path))}
     for shape in root.walk() if y_up else ():
         geometry = shape.first("geometry") if shape.tag in _SHAPES else None
         mesh = None if geometry is None else geometry.first("mesh")
@@ -110,7 +115,7 @@ def _turn_meshes_upright(root: Element, meshes: dict[str, str]) -> None:
         if origin is None:
             origin = Element("origin", {}, shape.line)
             shape.children.append(origin)
-        roll, pitch, yaw = vector_of(origin, "rpy") or (0.0, 0.0, 0.0)
+        roll, pitch, yaw = read_vector_attribute(origin, "rpy") or (0.0, 0.0, 0.0)
         origin.attributes["rpy"] = f"{roll + 0.5 * math.pi!r} {pitch!r} {yaw!r}"
 
 
@@ -124,11 +129,11 @@ def _format_element(element: Element, meshes: dict[str, str], tags: dict[str, _E
     if element.tag == "mesh":
         texts["filename"] = meshes[texts["filename"]]
     for name in (*rule.numbers, *rule.zero):
-        number = number_of(element, name)
+        number = read_number_attribute(element, name)
         if number is not None or name in rule.zero:
             texts[name] = repr(number or 0.0)
     for name in rule.vectors:
-        vector = vector_of(element, name)
+        vector = read_vector_attribute(element, name)
         if vector is not None:
             texts[name] = " ".join(repr(value) for value in vector)
     opening = " ".join(

@@ -51,7 +51,7 @@ def build_soles(robot: UrdfRobot, legs: list[LegAtZero], chain: SerialChain) -> 
             normal, along = selected
             axes[limb] = np.stack([np.cross(along, normal), along, normal], axis=-1)
     if findings:
-        raise robot.refused(findings)
+        raise robot.build_error(findings)
     return Sole(float(foot.length), float(foot.width), axes)
 
 

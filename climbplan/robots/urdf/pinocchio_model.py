@@ -16,7 +16,7 @@ from climbplan.arrays import Array
 from climbplan.errors import MissingSolver
 from climbplan.robots.urdf.canonical_urdf import write_canonical_urdf
 from climbplan.schema.document import Finding
-from climbplan.schema.robots.urdf.mimics import follows
+from climbplan.schema.robots.urdf.mimics import resolve_mimic
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.robots.urdf.tree import UrdfLink
 
@@ -82,7 +82,7 @@ class UrdfModel:
             joints.append(data.oMi[index].translation)
             axes.append(column / np.linalg.norm(column))
         names = tuple(joint.name for joint in leg_joints)
-        mimics = [follows(self.robot.tree, joint) for joint in leg_joints]
+        mimics = [resolve_mimic(self.robot.tree, joint) for joint in leg_joints]
         toe = data.oMf[_find_frame(self, spec.toe)]
         point = toe.translation + toe.rotation @ np.array(spec.toe_offset, float)
         return LegAtZero(
@@ -119,11 +119,11 @@ class UrdfModel:
         locked.
         """
         pin, model, tree = self.library, self.model, self.robot.tree
-        locked = self.robot.spec.held
+        locked = self.robot.spec.locked_positions
         velocity = np.zeros(model.nv)
         angles = locked | joint_angles
         for joint in tree.joints.values():
-            mimic = follows(tree, joint)
+            mimic = resolve_mimic(tree, joint)
             if mimic is not None and joint.name not in locked:
                 angles[joint.name] = mimic.ratio * angles.get(mimic.leader, 0.0) + mimic.offset
         for name, angle in angles.items():
@@ -150,9 +150,11 @@ def build_urdf_model(robot: UrdfRobot) -> UrdfModel:
         model = pin.buildModelFromXML(write_canonical_urdf(robot), pin.JointModelFreeFlyer())
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[-1]
-        raise robot.refused([Finding(("urdf",), f"Pinocchio cannot read it: {reason}")]) from error
+        raise robot.build_error(
+            [Finding(("urdf",), f"Pinocchio cannot read it: {reason}")]
+        ) from error
     if mismatches := list(find_mass_mismatches(robot, model, pin)):
-        raise robot.refused(mismatches)
+        raise robot.build_error(mismatches)
     data = model.createData()
     forward, up = _parse_axis(robot.spec.forward), _parse_axis(robot.spec.up)
     to_axes = np.stack([np.cross(forward, up), forward, up])
@@ -169,7 +171,7 @@ def find_mass_mismatches(robot: UrdfRobot, model: Any, pin: Any) -> Iterator[Fin
     for link in robot.tree.links.values():
         index = int(model.getFrameId(link.name, pin.FrameType.BODY))
         if index >= model.nframes:
-            place = robot.tree.at(link.line)
+            place = robot.tree.format_location(link.line)
             yield Finding(("urdf",), f"Pinocchio has no link {link.name!r} ({place})")
             continue
         carried.setdefault(int(model.frames[index].parentJoint), []).append(link)
@@ -177,7 +179,9 @@ def find_mass_mismatches(robot: UrdfRobot, model: Any, pin: Any) -> Iterator[Fin
         expected = sum(link.mass for link in links)
         mass = float(model.inertias[joint].mass)
         if not abs(mass - expected) <= _MASS_TOLERANCE * max(expected, 1.0):
-            names = " and ".join(f"{link.name!r} ({robot.tree.at(link.line)})" for link in links)
+            names = " and ".join(
+                f"{link.name!r} ({robot.tree.format_location(link.line)})" for link in links
+            )
             message = f"Pinocchio has {mass:g} kg for {names}, the file {expected:g} kg"
             yield Finding(("urdf",), message)
 

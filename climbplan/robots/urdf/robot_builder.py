@@ -42,7 +42,7 @@ from climbplan.robots.urdf.workspace import (
 )
 from climbplan.schema.document import Finding
 from climbplan.schema.robots.ranges import LENGTH, THICKNESS
-from climbplan.schema.robots.urdf.checks import led_bounds
+from climbplan.schema.robots.urdf.checks import compute_leader_bounds
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 _MIN_HALF_EXTENT = 0.02  # [m] of a body
@@ -62,7 +62,7 @@ def build_robot_from_urdf(robot: UrdfRobot) -> Robot:
     urdf_model = build_urdf_model(robot)
     mass = spec.mass or urdf_model.compute_mass()
     if not mass > 0:
-        raise robot.refused([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
+        raise robot.build_error([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
     legs = [urdf_model.read_leg(name) for name in names]
     joints = [leg.names for leg in legs]
     width = max(map(len, joints))
@@ -143,7 +143,7 @@ def _compute_links(
     if not links.body_mass >= 0:
         legs_mass = links.mass.sum()
         message = f"expected more than the {legs_mass:g} kg of its legs, got {mass:g} kg"
-        raise urdf_model.robot.refused([Finding(("mass",), message)])
+        raise urdf_model.robot.build_error([Finding(("mass",), message)])
     return links
 
 
@@ -192,7 +192,7 @@ def _read_shapes(urdf_model: UrdfModel, legs: list[LegAtZero], toes: Array) -> l
     if robot.is_stored or robot.spec.gripper is not None:
         return shapes
     if buried := find_buried_toes(urdf_model, legs, toes, shapes):
-        raise robot.refused(buried)
+        raise robot.build_error(buried)
     return shapes
 
 
@@ -231,7 +231,7 @@ def _choose_limb_radius(robot: UrdfRobot, capsules: MountedCapsules | None) -> f
             f"the collision geometry of its legs needs capsules of up to {radius:g} m in "
             f"radius, expected {THICKNESS.high:g} m at most; `limb_radius` takes its place"
         )
-        raise robot.refused([Finding(("urdf",), message)])
+        raise robot.build_error([Finding(("urdf",), message)])
     return radius
 
 
@@ -251,7 +251,7 @@ def read_joint_angles(
             if joint.mimic is not None:
                 lower[joint.name], upper[joint.name], posture[joint.name] = -1.0, 1.0, 0.0
                 continue
-            low, high = led_bounds(robot.tree, joint, joints)
+            low, high = compute_leader_bounds(robot.tree, joint, joints)
             if joint.kind == "continuous":
                 low, high = max(low, -np.pi), min(high, np.pi)
             default = 0.0 if low <= 0.0 <= high else (low + high) / 2
@@ -318,7 +318,7 @@ def _solve_stance(
         )
         findings.append(Finding(("legs", robot.limb_names[limb], "stance"), message))
     if findings:
-        raise robot.refused(findings)
+        raise robot.build_error(findings)
     posture = np.where(is_stated[:, None], solution.best(), chain.posture)
     if turns is not None:  # soles lie level to more digits than postures have
         posture = solution.best()
@@ -334,7 +334,7 @@ def _check_wrist_directions(robot: UrdfRobot, chain: SerialChain) -> None:
         for limb in (int(i) for i in np.flatnonzero(is_undirected))
     ]
     if findings:
-        raise robot.refused(findings)
+        raise robot.build_error(findings)
 
 
 def _check_foot_radius(robot: UrdfRobot, legs: list[LegAtZero], radius: float) -> None:
@@ -351,7 +351,7 @@ def _check_foot_radius(robot: UrdfRobot, legs: list[LegAtZero], radius: float) -
             )
             findings.append(Finding(("foot", "radius"), message))
     if findings:
-        raise robot.refused(findings[:1])
+        raise robot.build_error(findings[:1])
 
 
 def _choose_sides(robot: UrdfRobot, stance: Array) -> tuple[str, ...]:
@@ -388,7 +388,7 @@ def _build_body_hull(
             f"the base's collision geometry is {2 * half.max():g} m long, expected "
             f"{2 * LENGTH.high:g} m at most; `body_half_size` takes its place"
         )
-        raise robot.refused([Finding(("urdf",), message)])
+        raise robot.build_error([Finding(("urdf",), message)])
     return middle + half * np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
 
 
@@ -412,7 +412,7 @@ def _measure_stance_radius(
         for limb in (int(i) for i in np.flatnonzero(distance > reach))
     ]
     if beyond:
-        raise robot.refused(beyond)
+        raise robot.build_error(beyond)
     radius = measure_stance_radii(chain, stance, reach, *bounds, turns)
     limb = int(np.argmin(radius))
     if radius[limb] < MIN_STANCE_RADIUS:
@@ -422,5 +422,5 @@ def _measure_stance_radius(
             "expected a stance or posture away from full stretch and from bounds, or "
             "`workspace: {stance_radius: NUMBER}`"
         )
-        raise robot.refused([Finding(("legs", robot.limb_names[limb]), message)])
+        raise robot.build_error([Finding(("legs", robot.limb_names[limb]), message)])
     return float(radius[limb])

@@ -48,7 +48,7 @@ def read_collision_shapes(urdf_model: UrdfModel) -> list[Shape]:
     except (RuntimeError, ValueError) as error:
         reason = str(error).strip().splitlines()[-1]
         message = f"its collision geometry cannot be read: {reason}"
-        raise urdf_model.robot.refused([Finding(("urdf",), message)]) from error
+        raise urdf_model.robot.build_error([Finding(("urdf",), message)]) from error
     data = model.createData()
     pin.forwardKinematics(model, data, urdf_model.build_configuration({}))
     leg_joints = {joint.name for leg in urdf_model.robot.joints.values() for joint in leg}

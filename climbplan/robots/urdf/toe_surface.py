@@ -145,7 +145,7 @@ def _describe_links(urdf_model: UrdfModel, shapes: Sequence[Shape]) -> str:
         while joint is not None and joint.kind == "fixed":
             joint = joint_by_child.get(joint.parent)
         if link.has_collision and joint is not None and joint.name in bodies:
-            names.append(f"{link.name!r}, {tree.at(link.line)}")
+            names.append(f"{link.name!r}, {tree.format_location(link.line)}")
     return "; ".join(names[:2]) or "of the last joint"
 
 

@@ -17,7 +17,7 @@ from climbplan.robots.urdf.robot_builder import build_chain_at_zero, read_joint_
 from climbplan.robots.urdf.toe_boxes import ToeBoxes, grow_toe_boxes
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.document import Finding
-from climbplan.schema.robots.leg_pairs import LEG_COUNTS, in_pairs
+from climbplan.schema.robots.leg_pairs import LEG_COUNTS, order_in_pairs
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 TO_WALKING = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
@@ -50,15 +50,15 @@ def build_walking_body(robot: UrdfRobot) -> WalkingBody:
     """
     if robot.spec.flat_feet:
         message = "walks stand on points: expected `radius`, or no `foot`"
-        raise robot.refused([Finding(("foot",), message)])
+        raise robot.build_error([Finding(("foot",), message)])
     names = _read_leg_names(robot)
     joints = max(len(leg_joints) for leg_joints in robot.joints.values())
     urdf_model = build_urdf_model(robot)
     mass = robot.spec.mass or urdf_model.compute_mass()
     if not mass > 0:
-        raise robot.refused([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
+        raise robot.build_error([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
     if not robot.spec.gravity > 0:
-        raise robot.refused([Finding(("gravity",), "expected more than 0 to walk")])
+        raise robot.build_error([Finding(("gravity",), "expected more than 0 to walk")])
     at_zero = [urdf_model.read_leg(name) for name in names]
     lower, upper, posture = (
         pad_to_legs(joints, [[values[j] for j in leg.names] for leg in at_zero], empty)
@@ -72,10 +72,10 @@ def build_walking_body(robot: UrdfRobot) -> WalkingBody:
     chain = build_chain_at_zero(at_zero, joints, urdf_model.compute_center(standing), posture)
     chain = chain.rotate(TO_WALKING)
     toes = chain.joint_points(posture)[:, -1]
-    order = in_pairs(toes.tolist())
+    order = order_in_pairs(toes.tolist())
     if order is None:
         message = "expected pairs of toes, one on either side, one pair behind the other"
-        raise robot.refused([Finding(("legs",), message)])
+        raise robot.build_error([Finding(("legs",), message)])
     chain = chain.select_limbs(order)
     toes, names = toes[order], tuple(names[i] for i in order)
     ordered = [at_zero[i].names for i in order]
@@ -90,7 +90,7 @@ def build_walking_body(robot: UrdfRobot) -> WalkingBody:
         chain, toes, legs.lower, legs.upper, legs.max_torque, mass * robot.spec.gravity
     )
     if isinstance(boxes, str):
-        raise robot.refused([Finding(("legs",), boxes)])
+        raise robot.build_error([Finding(("legs",), boxes)])
     return WalkingBody(
         name=robot.name,
         leg_names=names,
@@ -126,7 +126,7 @@ def _read_leg_names(robot: UrdfRobot) -> tuple[str, ...]:
         if robot.spec.legs[name].stance is not None
     ]
     if findings:
-        raise robot.refused(findings)
+        raise robot.build_error(findings)
     return names
 
 

@@ -43,7 +43,7 @@ Given = float | Sequence[float] | None
 
 
 def check_ranges(quantities: Mapping[str, tuple[Given, Range]]) -> list[Fault]:
-    """Return values, by their dotted keys, that lie outside their ranges; None is left to others."""
+    """Return faults of values, by dotted keys, outside their ranges; None is left to others."""
     faults = []
     for key, (value, allowed) in quantities.items():
         values = [value] if isinstance(value, float | int) else list(value or ())

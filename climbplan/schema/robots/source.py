@@ -27,8 +27,8 @@ class UnknownRobot(ValueError):
         self.suggestion = find_closest_name(name, list_builtin_robots())
         builtin_names = ", ".join(f"`{robot}`" for robot in list_builtin_robots())
         super().__init__(
-            f"expected a built-in robot ({builtin_names}) or the path of a robot YAML file, got {name!r}"
-            + (URDF_HINT if name.endswith((".urdf", ".xacro")) else "")
+            f"expected a built-in robot ({builtin_names}) or the path of a robot YAML file, "
+            f"got {name!r}" + (URDF_HINT if name.endswith((".urdf", ".xacro")) else "")
         )
 
 
@@ -57,7 +57,7 @@ def load_robot(reference: str | Path, directory: Path | None = None) -> RobotSpe
     """
     robot = load_any_robot(reference, directory)
     if isinstance(robot, UrdfRobot):
-        raise robot.refused([Finding(("urdf",), NO_CHAINS)])
+        raise robot.build_error([Finding(("urdf",), NO_CHAINS)])
     return robot
 
 

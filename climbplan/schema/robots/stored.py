@@ -12,7 +12,7 @@ from pathlib import Path
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.document import Document, KeyPath
 from climbplan.schema.kinds import validate
-from climbplan.schema.robots.source import AnyRobot, UnknownRobot, load_any_robot, build_robot
+from climbplan.schema.robots.source import AnyRobot, UnknownRobot, build_robot, load_any_robot
 from climbplan.schema.robots.urdf.model import UrdfRobotSpec
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.source import read_source

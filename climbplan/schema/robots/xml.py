@@ -115,7 +115,7 @@ def read_vector_attribute(element: Element, name: str) -> tuple[float, float, fl
 
 
 def _parse_numbers(element: Element, name: str, count: int, expected: str) -> list[float]:
-    """Return the numbers of an attribute as XML Schema reads them, white space round them ignored."""
+    """Return the numbers of an attribute as XML Schema reads them, white space ignored."""
     text = element.attributes[name]
     tokens = [token for token in re.split(f"[{_SPACE}]+", text.strip(_SPACE)) if token]
     values = [float(token) if _NUMBER.fullmatch(token) else math.nan for token in tokens]

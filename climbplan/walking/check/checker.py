@@ -12,7 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.verification.check import Check, Limit, unjudged
+from climbplan.verification.check import Check, Limit, mark_unjudged
 from climbplan.walking.check.reference_dynamics import (
     integrate_continuously,
     integrate_knot,
@@ -234,7 +234,7 @@ def _check_rollouts(
         for name, component in (("velocity", VELOCITY), ("attitude", ANGLES)):
             check = build_worst_check(task, f"{kind}.{name}", error[:, component].max(axis=1))
             if kind == "continuous" and task.integrator == "euler":
-                check = unjudged(check, "forward Euler", EULER, _AT_KNOTS[name])
+                check = mark_unjudged(check, "forward Euler", EULER, _AT_KNOTS[name])
             yield check
 
 
@@ -295,7 +295,7 @@ def _check_feet(
             task, "workspace.whole_stance", np.where(contact[:-1], violation_after, -1.0)
         )
         if not task.workspace_over_stance:
-            stance_check = unjudged(
+            stance_check = mark_unjudged(
                 stance_check, "task.workspace_over_stance is not asked", KNOTS, _REACH
             )
         yield stance_check

@@ -16,8 +16,8 @@ from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.holding import HeldSpec
 from climbplan.schema.kinds import validate
 from climbplan.schema.yaml_source import parse_yaml
-from climbplan.verification.check import Check, Limit, not_compared
-from climbplan.verification.held import held_check
+from climbplan.verification.check import Check, Limit, mark_not_compared
+from climbplan.verification.held import check_spec_differences
 from climbplan.walking.check.checker import check_loop, check_trajectory
 from climbplan.walking.plan.foot_centres import raise_task
 from climbplan.walking.plan.walk_plan import WalkPlan
@@ -77,7 +77,7 @@ def check_plan(plan: WalkPlan, spec_to_hold: HeldSpec | None = None) -> Iterator
     if plan.not_finite or faults:
         return
     if spec_to_hold is not None:
-        yield held_check(spec_to_hold)
+        yield check_spec_differences(spec_to_hold)
         plan = replace(
             plan,
             spec_text=spec_to_hold.text,
@@ -129,7 +129,7 @@ def _check_spec_values(plan: WalkPlan) -> Check:
         task = raise_task(build_task(spec, robot, centres=standoff > 0), standoff)
     except MissingSolver as reason:
         reason_text = f"{reason}: robot and task are taken from the plan file"
-        return not_compared(
+        return mark_not_compared(
             _build_check("file.spec_values", 0.0), reason_text, "robot as stored", reason_text
         )
     except SpecError as error:

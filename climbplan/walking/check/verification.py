@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.schema.holding import HeldSpec
-from climbplan.verification.held import held_against
+from climbplan.verification.held import describe_reference
 from climbplan.verification.plausibility import (
-    implausible_force,
-    implausible_friction,
-    implausible_gravity,
+    warn_of_force,
+    warn_of_friction,
+    warn_of_gravity,
 )
 from climbplan.verification.verification import Verification, mark_verified
 from climbplan.walking.check.plan_checks import check_plan
@@ -31,13 +31,13 @@ def find_implausible(plan: WalkPlan) -> tuple[str, ...]:
 def _generate_warnings(plan: WalkPlan) -> Iterator[str]:
     """Yield the warnings."""
     task, trajectory = plan.task, plan.trajectory
-    yield from implausible_gravity(task.body.gravity)
-    yield from implausible_friction("the ground", task.ground.friction)
+    yield from warn_of_gravity(task.body.gravity)
+    yield from warn_of_friction("the ground", task.ground.friction)
     size = np.linalg.norm(trajectory.force, axis=-1)
     n, leg = (int(i) for i in np.unravel_index(int(np.argmax(size)), size.shape))
     where = f" ({task.body.leg_names[leg]}, {task.dt * n:.2f} s)"
     weight = task.body.mass * task.body.gravity
-    yield from implausible_force(float(size[n, leg]), weight, where)
+    yield from warn_of_force(float(size[n, leg]), weight, where)
     spin = float(np.abs(trajectory.state[:, 9:]).max())
     if spin > MAX_OMEGA:
         yield f"the body turns at {spin:.0f} rad/s"
@@ -57,7 +57,7 @@ def verify(path: Path, held: HeldSpec | None = None) -> Verification:
     # Absurd numbers become infinite or NaN, and fail their check without a warning.
     with np.errstate(all="ignore"):
         checks = tuple(check_plan(plan, held))
-        verification = Verification(checks, against=held_against(plan, held))
+        verification = Verification(checks, against=describe_reference(plan, held))
         return (
             verification
             if verification.unsound

@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.exports.base_link import BaseLink, base_link, urdf_facts
+from climbplan.exports.base_link import BaseLink, build_base_link, collect_urdf_facts
 from climbplan.exports.damping import critical_damping
 from climbplan.exports.motion import JointLimits, JointMotion, LimbShape, RobotMotion
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.robots.walking_legs import WalkingLegs
-from climbplan.schema.robots.urdf.mimics import follows
+from climbplan.schema.robots.urdf.mimics import resolve_mimic
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.walking.plan.body_motion import PlannedBody
 
@@ -192,8 +192,8 @@ class WalkJoints:
         tree, model = self.model.robot.tree, self.model.model
         followers: list[tuple[int, int, float]] = []
         for joint in tree.joints.values():
-            by = follows(tree, joint)
-            if by is None or joint.name in self.model.robot.spec.held:
+            by = resolve_mimic(tree, joint)
+            if by is None or joint.name in self.model.robot.spec.locked_positions:
                 continue
             follower, leader = (
                 int(model.idx_vs[model.getJointId(name)]) for name in (joint.name, by.leader)
@@ -212,5 +212,5 @@ def build_walk_joints(
         ValueError: the legs of the plan are not those of its URDF.
     """
     model: Any = build_urdf_model(robot)
-    link = base_link(robot, legs.chain, TO_WALKING)
-    return WalkJoints(legs, leg_names, model, link, urdf_facts(robot))
+    link = build_base_link(robot, legs.chain, TO_WALKING)
+    return WalkJoints(legs, leg_names, model, link, collect_urdf_facts(robot))

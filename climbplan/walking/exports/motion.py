@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array
 from climbplan.errors import ClimbplanError
-from climbplan.exports.motion import BodyMotion, ContactMotion, RobotMotion, continuous_quaternions
+from climbplan.exports.motion import BodyMotion, ContactMotion, RobotMotion, unwrap_quaternions
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.walking.exports.joints import WalkJoints, build_walk_joints
 from climbplan.walking.exports.toe_trajectories import ToePhase, build_toe_phases
@@ -98,7 +98,7 @@ class WalkSampler:
             name=plan.name,
             robot=task.body.name,
             time=time,
-            bodies=(BodyMotion("body", position, continuous_quaternions(quaternion)),),
+            bodies=(BodyMotion("body", position, unwrap_quaternions(quaternion)),),
             joints=None,
             contacts=ContactMotion(
                 tuple(task.body.leg_names),

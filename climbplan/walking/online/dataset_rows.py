@@ -18,7 +18,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.errors import PlanFileError
-from climbplan.store.dataset import Dataset, DatasetFrame, solution_layout
+from climbplan.store.dataset import Dataset, DatasetFrame, build_solution_layout
 from climbplan.store.dataset_row import RowAnswer
 from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.offline.nlp import solve_nlp
@@ -126,14 +126,14 @@ def build_frame(task: WalkTask, include_world: bool) -> DatasetFrame:
     treads = [f"{name}_{k + 1}" for name in names for k in range(NUM_TREADS)]
     world = ("mass_factor", "speed_factor", *treads) if include_world else ()
     layouts = {
-        "state": solution_layout((N + 1, STATE), "m, m/s, rad, rad/s", "world"),
-        "toes": solution_layout((N + 1, len(legs), 3), "m", "world"),
-        "force": solution_layout((N + 1, len(legs), 3), "N", "world"),
-        "contact": solution_layout((N + 1, len(legs)), kind="int"),
-        "section_features": solution_layout((N - SECTION + 1, feature_count(len(legs)))),
+        "state": build_solution_layout((N + 1, STATE), "m, m/s, rad, rad/s", "world"),
+        "toes": build_solution_layout((N + 1, len(legs), 3), "m", "world"),
+        "force": build_solution_layout((N + 1, len(legs), 3), "N", "world"),
+        "contact": build_solution_layout((N + 1, len(legs)), kind="int"),
+        "section_features": build_solution_layout((N - SECTION + 1, feature_count(len(legs)))),
     }
     if include_world:
-        layouts["region"] = solution_layout((N + 1, len(legs)), kind="int")
+        layouts["region"] = build_solution_layout((N + 1, len(legs)), kind="int")
     return DatasetFrame(
         kind=KIND,
         problem=f"{task.body.name}, {N} knots",

@@ -15,8 +15,8 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import LimitReached, UsageError
 from climbplan.robots.leg_order import MIRROR_POINT, MIRROR_TURN, mirror_legs
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_datasets, write_text
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_datasets, write_text
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.online.features import (
     build_mirror_matrix,
@@ -225,7 +225,7 @@ def mirror_library(task: WalkTask, library: SectionLibrary) -> SectionLibrary:
 
 def write_library(library: SectionLibrary, path: Path, key: str) -> None:
     """Write a library as plain arrays; key: of the task that it was built for."""
-    with new_store(path) as file:
+    with create_store(path) as file:
         write_text(file, "format", FORMAT)
         write_text(file, "task", key)
         write_datasets(file, _LAYOUT, vars(library))
@@ -238,7 +238,7 @@ def read_library(path: Path, key: str) -> SectionLibrary:
         PlanFileError: a damaged file.
         UsageError: a library of another task.
     """
-    with opened_store(path) as file:
+    with open_store(path) as file:
         reader = Reader(path, file)
         if not reader.has_attribute("", "format") or reader.text("", "format") != FORMAT:
             raise reader.refuse("no library of walks")

@@ -16,7 +16,7 @@ from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.progress import Progress
 from climbplan.store.dataset_file import FORMAT, read_dataset_file
-from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.walking.dynamics.cost import compute_cost_terms
 from climbplan.walking.offline.warm_up import warm_up
 from climbplan.walking.online.admittance import AdmittanceGains
@@ -67,7 +67,7 @@ def is_dataset(path: Path) -> bool:
     Raises:
         PlanFileError: the file is not HDF5.
     """
-    with opened_store(path) as file:
+    with open_store(path) as file:
         reader = Reader(path, file)
         return reader.has_attribute("", "format") and reader.text("", "format") == FORMAT
 

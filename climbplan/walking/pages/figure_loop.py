@@ -14,11 +14,11 @@ from matplotlib.patheffects import withStroke
 from climbplan.arrays import Array
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
-    foot_legend,
-    heading,
+    draw_foot_legend,
+    draw_heading,
+    draw_panel_title,
+    format_plain,
     new_figure,
-    panel_title,
-    plain,
     style_axes,
 )
 from climbplan.walking.online.candidate_selection import (
@@ -55,23 +55,25 @@ def plot_loop_gait(plan: WalkPlan) -> Figure:
     _plot_contacts(whole, plan)
     whole.set_xlim(0, end)
     whole.axvspan(*window, color=palette.GRID, alpha=0.5, lw=0, zorder=0)
-    panel_title(whole, "Standing legs", "darker: pushes harder")
+    draw_panel_title(whole, "Standing legs", "darker: pushes harder")
     _plot_contacts(detail, plan)
     _plot_step_lengths(detail, plan, window)
     detail.set_xlim(*window)
-    panel_title(detail, "About the push" if pushes else "The beginning", "length of each step [cm]")
+    draw_panel_title(
+        detail, "About the push" if pushes else "The beginning", "length of each step [cm]"
+    )
     _plot_speed(speed, plan, window)
     _plot_sources(speed, plan, plan.loop)
     speed.set_xlim(*window)
     speed.set_xlabel("time [s]")
-    panel_title(speed, "Forward speed", "[m/s], what each tick chose below")
+    draw_panel_title(speed, "Forward speed", "[m/s], what each tick chose below")
     for ax in (whole, detail, speed):
         mark_pushes(ax, plan)
     handles = [Patch(color=color) for _, color in _SOURCES.values()]
     labels = [label for label, _ in _SOURCES.values()]
     line = Line2D([], [], color=_PUSH, lw=1.4, ls=":")
-    foot_legend(figure, [*handles, line], [*labels, "push"])
-    heading(figure, f"{plain(plan.title or plan.name)}: gait", _format_pushes(plan))
+    draw_foot_legend(figure, [*handles, line], [*labels, "push"])
+    draw_heading(figure, f"{format_plain(plan.title or plan.name)}: gait", _format_pushes(plan))
     return figure
 
 
@@ -110,7 +112,7 @@ def _plot_contacts(ax: Axes, plan: WalkPlan) -> None:
     push = np.linalg.norm(trajectory.force[:-1], axis=-1)
     max_force = max(float(push.max()), 1e-9)
     for leg in range(task.body.leg_count):
-        color, stands = palette.limb_color(leg), trajectory.gait.contact[:-1, leg]
+        color, stands = palette.choose_limb_color(leg), trajectory.gait.contact[:-1, leg]
         for first, last in split_runs(np.where(stands, push[:, leg], -1.0)):
             if stands[first]:
                 corner = (task.dt * first, task.body.leg_count - 1 - leg - 0.36)
@@ -120,7 +122,8 @@ def _plot_contacts(ax: Axes, plan: WalkPlan) -> None:
     style_axes(ax)
     ax.set_ylim(-0.6, task.body.leg_count - 0.4)
     ax.set_yticks(
-        range(task.body.leg_count), list(reversed([plain(n, 10) for n in task.body.leg_names]))
+        range(task.body.leg_count),
+        list(reversed([format_plain(n, 10) for n in task.body.leg_names])),
     )
     ax.grid(visible=False, axis="y")
 

@@ -11,11 +11,11 @@ from matplotlib.patches import Patch, Polygon, Rectangle
 from climbplan.arrays import Array, IntArray
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
-    foot_legend,
-    heading,
+    draw_foot_legend,
+    draw_heading,
+    draw_panel_title,
+    format_plain,
     new_figure,
-    panel_title,
-    plain,
     style_axes,
 )
 from climbplan.robots.rotations import rotation_world_body
@@ -66,7 +66,7 @@ def plot_tracking(plan: WalkPlan) -> Figure:
             ax.plot(time, values[:, k], color=color, lw=1.8, marker=_choose_marker(plan), ms=3.5)
             mark_pushes(ax, plan)
             style_axes(ax)
-            panel_title(ax, f"{label} {names[k]}".strip(), f"[{unit}]")
+            draw_panel_title(ax, f"{label} {names[k]}".strip(), f"[{unit}]")
             _expand_flat_axis(ax, 0.05 if unit == "m/s" else 1.0)
     for ax in axes[1]:
         ax.set_xlabel("time [s]")
@@ -81,10 +81,10 @@ def plot_tracking(plan: WalkPlan) -> Figure:
     if list_push_times(plan):
         handles.append(Line2D([], [], color=_FORCE, lw=1.4, ls=":"))
         labels.append("push")
-    foot_legend(figure, handles, labels)
+    draw_foot_legend(figure, handles, labels)
     # The cost of a closed loop is a sum over samples and not comparable with that of a plan.
     cost = f", cost {plan.objective:.4g}" if plan.loop is None else ""
-    heading(figure, _format_title(plan), f"{plan.method}{cost}")
+    draw_heading(figure, _format_title(plan), f"{plan.method}{cost}")
     return figure
 
 
@@ -105,10 +105,10 @@ def plot_convergence(plan: WalkPlan) -> Figure:
         style_axes(ax)
         ax.set_xlabel("time [s]")
         ax.set_ylim(0, 1.05 * ax.get_ylim()[1])
-        panel_title(ax, name, unit)
+        draw_panel_title(ax, name, unit)
     handles = [Line2D([], [], color=c, lw=1.8) for c in (color, _BEGUN)]
-    foot_legend(figure, handles, ["best cost, true dynamics", "bound within the tube"])
-    heading(figure, f"{_format_title(plan)}: convergence", plan.method)
+    draw_foot_legend(figure, handles, ["best cost, true dynamics", "bound within the tube"])
+    draw_heading(figure, f"{_format_title(plan)}: convergence", plan.method)
     return figure
 
 
@@ -120,7 +120,7 @@ def plot_gait(plan: WalkPlan) -> Figure:
     push = np.linalg.norm(trajectory.force[:-1], axis=-1)
     max_force = max(float(push.max()), 1e-9)
     for leg in range(task.body.leg_count):
-        color = palette.limb_color(leg)
+        color = palette.choose_limb_color(leg)
         for first, last in split_runs(
             np.where(trajectory.gait.contact[:-1, leg], push[:, leg], -1.0)
         ):
@@ -133,14 +133,15 @@ def plot_gait(plan: WalkPlan) -> Figure:
     ax.set_xlim(0, task.dt * task.knots)
     ax.set_ylim(-0.6, task.body.leg_count - 0.4)
     ax.set_yticks(
-        range(task.body.leg_count), list(reversed([plain(n, 10) for n in task.body.leg_names]))
+        range(task.body.leg_count),
+        list(reversed([format_plain(n, 10) for n in task.body.leg_names])),
     )
     ax.set_xlabel("time [s]")
     ax.grid(visible=False, axis="y")
     handles = [Patch(color=palette.INK, alpha=a, lw=0) for a in (0.25, 1.0)]
-    foot_legend(figure, handles, ["contact force 0 N", f"contact force {max_force:.0f} N"])
-    panel_title(ax, "Standing legs", "the darker, the harder they push")
-    heading(figure, f"{_format_title(plan)}: gait", plan.method)
+    draw_foot_legend(figure, handles, ["contact force 0 N", f"contact force {max_force:.0f} N"])
+    draw_panel_title(ax, "Standing legs", "the darker, the harder they push")
+    draw_heading(figure, f"{_format_title(plan)}: gait", plan.method)
     return figure
 
 
@@ -170,7 +171,7 @@ def plot_snapshots(plan: WalkPlan) -> Figure:
         Line2D([], [], color=palette.BODY, lw=0, marker="o", ms=5),
         Line2D([], [], color=palette.BODY, lw=0, marker="o", ms=5, mfc="white"),
         *(
-            Line2D([], [], color=palette.limb_color(leg), lw=1.6)
+            Line2D([], [], color=palette.choose_limb_color(leg), lw=1.6)
             for leg in range(task.body.leg_count)
         ),
     ]
@@ -181,8 +182,10 @@ def plot_snapshots(plan: WalkPlan) -> Figure:
         "toe standing",
         "swinging",
     ]
-    foot_legend(figure, handles, [*labels, *(plain(name, 10) for name in task.body.leg_names)])
-    heading(figure, f"{_format_title(plan)}: snapshots", "from the side, from above")
+    draw_foot_legend(
+        figure, handles, [*labels, *(format_plain(name, 10) for name in task.body.leg_names)]
+    )
+    draw_heading(figure, f"{_format_title(plan)}: snapshots", "from the side, from above")
     return figure
 
 
@@ -229,7 +232,7 @@ def _plot_snapshot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:
     ax.plot([com[x], front[x]], [com[y], front[y]], color=palette.FORCE, lw=2)
     scale = _MAX_ARROW / task.body.force_limit
     for leg in range(task.body.leg_count):
-        color, stands = palette.limb_color(leg), bool(trajectory.gait.contact[n, leg])
+        color, stands = palette.choose_limb_color(leg), bool(trajectory.gait.contact[n, leg])
         ax.plot([hips[leg, x], toes[leg, x]], [hips[leg, y], toes[leg, y]], color=color, lw=1.4)
         ax.plot(*toes[leg, [x, y]], "o", ms=4.5, color=color, mfc=color if stands else "white")
         if stands:
@@ -238,7 +241,7 @@ def _plot_snapshot(ax: Axes, plan: WalkPlan, n: int, x: int, y: int) -> None:
     style_axes(ax)
     ax.set_xlim(com[0] - radius, com[0] + radius)
     if y == 2:
-        panel_title(ax, f"{task.dt * n:.2f} s")
+        draw_panel_title(ax, f"{task.dt * n:.2f} s")
     else:
         ax.set_ylim(com[1] - radius, com[1] + radius)
 
@@ -265,4 +268,4 @@ def _choose_marker(plan: WalkPlan) -> str:
 
 def _format_title(plan: WalkPlan) -> str:
     """Return the title of a plan, or its name."""
-    return plain(plan.title or plan.name)
+    return format_plain(plan.title or plan.name)

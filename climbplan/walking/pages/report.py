@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from climbplan.reports.page_parts import Card, plain_words, read_part
+from climbplan.reports.page_parts import Card, format_value, read_part
 from climbplan.reports.page_template import (
-    data_element,
+    build_data_element,
+    build_origin_rows,
+    build_plan_tables,
+    build_report_fields,
+    build_run_fields,
+    build_verification_fields,
     fill,
-    origin_rows,
-    plan_tables,
-    report_fields,
-    run_fields,
-    verification_fields,
 )
 from climbplan.reports.plan_report import FigureOf, PlanReport
-from climbplan.reports.report_files import finite
-from climbplan.reports.scene_replay import scene_replay
+from climbplan.reports.report_files import replace_non_finite
+from climbplan.reports.scene_replay import build_scene_replay
 from climbplan.verification.verification import Verification
 from climbplan.walking.check.checker import LEG_LIMITS, LIMITS, LOOP_LIMITS
 from climbplan.walking.check.plan_checks import LIMITS as FILE_LIMITS
@@ -101,7 +101,7 @@ def _collect_values(plan: WalkPlan, verification: Verification) -> dict[str, Any
         "figures": [f"figures/{name}.png" for name in select_figures(plan)],
         "units": {"velocity": "m/s", "attitude": "rad", "force": "N", "history.seconds": "s"},
     }
-    checked: dict[str, Any] = finite(report)
+    checked: dict[str, Any] = replace_non_finite(report)
     return checked
 
 
@@ -175,21 +175,23 @@ def _render_page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str,
         name: limit.meaning
         for name, limit in (LIMITS | LEG_LIMITS | LOOP_LIMITS | FILE_LIMITS).items()
     }
-    origin = origin_rows(report, {"Method": report["method"], "Integrator": report["integrator"]})
+    origin = build_origin_rows(
+        report, {"Method": report["method"], "Integrator": report["integrator"]}
+    )
     history = report["history"][-12:]
     return fill(
         "walking.html",
-        **report_fields(
+        **build_report_fields(
             report,
             "mpc",
             _build_cards(report),
             images,
             report["status"],
             (read_part("replay.js"),),
-            data_element("replay-data", scene_replay(build_walk_scene(plan))),
+            build_data_element("replay-data", build_scene_replay(build_walk_scene(plan))),
         ),
-        **verification_fields(report, meanings),
-        **run_fields(report, plan_tables(report, origin)),
+        **build_verification_fields(report, meanings),
+        **build_run_fields(report, build_plan_tables(report, origin)),
         loop_note=_LOOP_NOTE if plan.loop is not None else "",
         terms=[(k, f"{v:.4g}") for k, v in report["terms"].items()],
         history=[(f"{h['seconds']:.2f} s", f"{h['objective']:.5g}") for h in history],
@@ -209,7 +211,7 @@ def _build_cards(report: Mapping[str, Any]) -> Iterator[Card]:
         percentile = f"99 % {1e3 * tick['most99']:.2f} ms"
         yield Card("Tick", f"{1e3 * tick['median']:.2f} ms", percentile)
         sources = report["online"]["winners"]
-        yield Card("Ticks", str(report["online"]["ticks"]), plain_words(sources))
+        yield Card("Ticks", str(report["online"]["ticks"]), format_value(sources))
         off = f"{report['online']['off_at_end']:.2f} m/s off over its last 0.48 s"
         yield Card("Walk", report["online"]["ended"], off)
         return

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, polygons
+from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, build_polygons
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan.file import read_walk_plan
 from climbplan.walking.plan.foot_centres import restore_surface
@@ -58,7 +58,7 @@ def build_walk_scene(plan: WalkPlan) -> Scene:
         rods=Rods(
             legs,
             np.full(plan.task.body.leg_count, _RADIUS),
-            tuple(map(palette.limb_color, range(plan.task.body.leg_count))),
+            tuple(map(palette.choose_limb_color, range(plan.task.body.leg_count))),
         ),
         boxes=Boxes(
             center[:, None],
@@ -102,5 +102,5 @@ def _build_ground(plan: WalkPlan, lower: Array, upper: Array) -> tuple[Shape, ..
         corners = ground.outline(region, low, high)
         if len(corners):
             note = f"{name}  mu {ground.friction:g}"
-            shapes.append(polygons(name, [corners], palette.SURFACE, 0.6, note))
+            shapes.append(build_polygons(name, [corners], palette.SURFACE, 0.6, note))
     return tuple(shapes)

@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets, write_text
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets, write_text
 from climbplan.store.root_attributes import (
     read_header,
     read_status,
@@ -81,7 +81,7 @@ def write_walk_plan(plan: WalkPlan, path: Path) -> None:
         UsageError: the file cannot be written.
     """
     task, trajectory = plan.task, plan.trajectory
-    with new_store(path) as file:
+    with create_store(path) as file:
         _write_header(file, plan)
         reference = task.reference
         samples = {
@@ -128,7 +128,7 @@ def read_walk_plan(path: Path) -> WalkPlan:
 
 def read_unchecked_plan(path: Path) -> WalkPlan:
     """Read a plan like `read_walk_plan`, but only list numbers that are not finite, for a check."""
-    with opened_store(path) as file:
+    with open_store(path) as file:
         reader = Reader(path, file)
         require_plan(reader, FORMAT_VERSION, FORMAT)
         return _read_plan(reader)

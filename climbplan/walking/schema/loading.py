@@ -11,16 +11,16 @@ from pydantic import ValidationError
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.document import Document, Finding, KeyPath
-from climbplan.schema.fields import nearest
+from climbplan.schema.fields import find_closest_name
 from climbplan.schema.kinds import validate, validate_kind
-from climbplan.schema.loaded import LoadedSpec, origin_of, root_paths
+from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_paths
 from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.robots.rigid_body import RigidBodySpec
-from climbplan.schema.robots.source import robot_of
-from climbplan.schema.robots.stored import NotKept, RobotTexts, stored_robot
+from climbplan.schema.robots.source import build_robot
+from climbplan.schema.robots.stored import NotKept, RobotTexts, build_stored_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.source import SourceText, read_source
-from climbplan.schema.wording import shown
+from climbplan.schema.wording import format_value
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.walking.schema.loop import WalkLoopSpec
 from climbplan.walking.schema.model import MpcSpec
@@ -61,7 +61,7 @@ def validate_mpc(document: Document, text: SourceText) -> LoadedMpc:
     """
     value = document.value
     robot_path = isinstance(value, dict) and _is_path(value.get("robot"))
-    root_paths(document, (("library", "file"), *([("robot",)] if robot_path else [])))
+    resolve_option_paths(document, (("library", "file"), *([("robot",)] if robot_path else [])))
     spec, findings = validate_kind(document, "mpc", MpcSpec)
     robot, robot_mistakes = load_document_body(document, text.directory)
     findings += _check_leg_names(document, robot)
@@ -71,7 +71,11 @@ def validate_mpc(document: Document, text: SourceText) -> LoadedMpc:
     source = read_source(text.directory / spec.robot).text if robot_path else ""
     urdf = robot.tree.text if isinstance(robot, UrdfRobot) else ""
     return LoadedMpc(
-        spec=spec, robot=robot, robot_text=source, robot_urdf=urdf, **origin_of(document, text)
+        spec=spec,
+        robot=robot,
+        robot_text=source,
+        robot_urdf=urdf,
+        **describe_origin(document, text),
     )
 
 
@@ -92,14 +96,14 @@ def load_body(reference: str, directory: Path | None = None) -> WalkingRobot:
         source = read_source((directory or Path()) / reference)
         document = parse_yaml(source.text, source.shown)
         if isinstance(document.value, dict) and document.value.get("kind") == "robot":
-            robot = robot_of(document, source.directory)
+            robot = build_robot(document, source.directory)
             if isinstance(robot, UrdfRobot):
                 return robot
             raise SpecError(document.source, [document.mistake(Finding(("kind",), _LIMBS))])
     elif reference not in list_builtin_bodies():
         known_names = ", ".join(list_builtin_bodies())
         message = f"expected a built-in robot ({known_names}) or the path of a YAML file, got"
-        mistake = SpecMistake("robot", f"{message} {shown(reference)}")
+        mistake = SpecMistake("robot", f"{message} {format_value(reference)}")
         raise SpecError("spec", [mistake])
     else:
         entry = files("climbplan").joinpath("robots", "bodies", f"{reference}.yaml")
@@ -120,7 +124,7 @@ def load_stored_body(spec: MpcSpec, text: str, urdf: str = "") -> WalkingRobot:
         return _validate_body(document)
     named = Document(document.source, document.text, {"robot": spec.robot})
     try:
-        robot = stored_robot(named, RobotTexts(text, urdf)).robot
+        robot = build_stored_robot(named, RobotTexts(text, urdf)).robot
     except NotKept as reason:
         raise SpecError(document.source, [SpecMistake("robot", str(reason))]) from reason
     assert isinstance(robot, UrdfRobot)  # as its text names a URDF
@@ -158,9 +162,11 @@ def load_document_body(
         listed = ", ".join(f"`{name}`" for name in known_names)
         message = (
             f"expected a built-in rigid body ({listed}) or the path of a YAML file, of a rigid "
-            f"body or of a robot from a URDF, got {shown(reference)}"
+            f"body or of a robot from a URDF, got {format_value(reference)}"
         )
-        return None, [document.mistake(Finding(path, message, nearest(reference, known_names)))]
+        return None, [
+            document.mistake(Finding(path, message, find_closest_name(reference, known_names)))
+        ]
     try:
         return load_body(reference, directory), []
     except SpecError as error:
@@ -195,7 +201,7 @@ def _check_leg_names(document: Document, robot: WalkingRobot | None) -> list[Fin
         Finding(
             path,
             f"{robot.name} has no leg {name!r}, its legs are {', '.join(legs)}",
-            nearest(name, legs),
+            find_closest_name(name, legs),
         )
         for path, name in named
         if name not in legs

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, spans_of
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.measures import SLIP, planned_tilt, rolled
+from climbplan.simulation.measures import SLIP, compute_tilt, integrate_rolling
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.replay import WalkRun
 from climbplan.walking.task.task import ANGLES, POSITION
@@ -58,7 +58,7 @@ def compare_walk(plan: WalkPlan, run: WalkRun) -> WalkComparison:
     planned_rotation = rotation_world_body(trajectory.state[: run.samples, ANGLES])
     return WalkComparison(
         position_error=np.linalg.norm(position_offset, axis=1),
-        tilt=planned_tilt(run.rotation, planned_rotation),
+        tilt=compute_tilt(run.rotation, planned_rotation),
         loaded=loaded,
         force_error=np.linalg.norm(run.force[:last] - planned, axis=-1)[loaded] / weight,
         friction=friction,
@@ -86,7 +86,7 @@ def _find_slips(plan: WalkPlan, run: WalkRun) -> tuple[WalkSlip, ...]:
             if run.foot and run.links is not None:
                 ground = plan.task.ground.frame[plan.trajectory.gait.region[first, leg]]
                 stance = slice(int(contact_samples[0]), int(contact_samples[-1]) + 1)
-                rolling = rolled(run.foot, run.links[stance, leg], ground[2])
+                rolling = integrate_rolling(run.foot, run.links[stance, leg], ground[2])
                 shift = shift - rolling[contact_samples - contact_samples[0]]
             slid = np.linalg.norm(shift, axis=1)
             if slid.max(initial=0.0) > SLIP:

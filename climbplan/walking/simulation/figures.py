@@ -11,12 +11,12 @@ from matplotlib.patches import Patch
 from climbplan.arrays import Array, spans_of
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
-    foot_legend,
-    heading,
-    limb_name,
+    draw_foot_legend,
+    draw_heading,
+    draw_panel_title,
+    format_limb_name,
+    format_plain,
     new_figure,
-    panel_title,
-    plain,
     style_axes,
 )
 from climbplan.walking.plan.walk_plan import WalkPlan
@@ -41,14 +41,14 @@ def plot_path(plan: WalkPlan, run: WalkRun) -> Figure:
         for k, ax in enumerate(row):
             ax.plot(time, reference[:, k], color=palette.LIMBS[0], lw=1.6)
             ax.plot(run.time, values[:, k], color=palette.INK, lw=0.9)
-            panel_title(ax, names[k], f"[{unit}]")
+            draw_panel_title(ax, names[k], f"[{unit}]")
             style_axes(ax)
     for ax in axes[1]:
         ax.set_xlabel("time [s]")
     handles = [Line2D([], [], color=palette.LIMBS[0], lw=1.6)]
     handles.append(Line2D([], [], color=palette.INK, lw=0.9))
-    foot_legend(figure, handles, ["planned", "simulated"])
-    heading(figure, "Body", plain(f"{plan.name}, MuJoCo{_describe_end(run)}"))
+    draw_foot_legend(figure, handles, ["planned", "simulated"])
+    draw_heading(figure, "Body", format_plain(f"{plan.name}, MuJoCo{_describe_end(run)}"))
     return figure
 
 
@@ -60,7 +60,7 @@ def plot_forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figur
     time = run.time[:last]
     trajectory = plan.trajectory
     for leg, (left, right) in enumerate(axes):
-        name = limb_name(plan.task.body.leg_names[leg])
+        name = format_limb_name(plan.task.body.leg_names[leg])
         loaded = compared.loaded[:, leg]
         _plot_steps(left, time, trajectory.force[:last, leg, 2], palette.LIMBS[0], 1.6)
         _plot_steps(left, time, run.pressure[:last, leg], palette.INK, 0.9)
@@ -72,8 +72,8 @@ def plot_forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figur
         right.axhline(compared.mu, color=palette.FAILURE, lw=1.2, ls=(0, (5, 2)))
         right.set_ylim(0, 1.3 * compared.mu)
         left.set_ylabel("[N]")
-        panel_title(left, f"{name}: pressure")
-        panel_title(right, f"{name}: friction coefficient at which it slips")
+        draw_panel_title(left, f"{name}: pressure")
+        draw_panel_title(right, f"{name}: friction coefficient at which it slips")
         for ax in (left, right):
             for first, after in spans_of(~trajectory.gait.contact[:last, leg]):
                 end = time[min(after, last - 1)]
@@ -87,8 +87,10 @@ def plot_forces(plan: WalkPlan, run: WalkRun, compared: WalkComparison) -> Figur
         Line2D([], [], color=palette.FAILURE, lw=1.2, ls=(0, (5, 2))),
         Patch(color=palette.MUTED, alpha=0.22, lw=0),
     ]
-    foot_legend(figure, handles, ["planned", "simulated", "the ground's friction", "leg swings"])
-    heading(figure, "Contact forces", plain(f"{plan.name}, MuJoCo{_describe_end(run)}"))
+    draw_foot_legend(
+        figure, handles, ["planned", "simulated", "the ground's friction", "leg swings"]
+    )
+    draw_heading(figure, "Contact forces", format_plain(f"{plan.name}, MuJoCo{_describe_end(run)}"))
     return figure
 
 
@@ -101,18 +103,22 @@ def plot_torques(plan: WalkPlan, run: WholeBodyRun) -> Figure:
     time = run.time[:last]
     for leg, ax in enumerate(axes):
         for joint in range(joints):
-            _plot_steps(ax, time, run.torque[:last, leg, joint], palette.limb_color(joint), 1.1)
+            _plot_steps(
+                ax, time, run.torque[:last, leg, joint], palette.choose_limb_color(joint), 1.1
+            )
         ax.axhline(1.0, color=palette.FAILURE, lw=1.2, ls=(0, (5, 2)))
         ax.set_ylim(0, 1.1)
-        panel_title(ax, limb_name(plan.task.body.leg_names[leg]), "[torque limits]")
+        draw_panel_title(ax, format_limb_name(plan.task.body.leg_names[leg]), "[torque limits]")
         style_axes(ax)
     for ax in axes[-2:]:
         ax.set_xlabel("time [s]")
-    handles = [Line2D([], [], color=palette.limb_color(joint), lw=1.1) for joint in range(joints)]
+    handles = [
+        Line2D([], [], color=palette.choose_limb_color(joint), lw=1.1) for joint in range(joints)
+    ]
     handles.append(Line2D([], [], color=palette.FAILURE, lw=1.2, ls=(0, (5, 2))))
     labels = [f"joint {joint + 1}" for joint in range(joints)]
-    foot_legend(figure, handles, [*labels, "limit"])
-    heading(figure, "Joint torques", plain(f"{plan.name}, MuJoCo{_describe_end(run)}"))
+    draw_foot_legend(figure, handles, [*labels, "limit"])
+    draw_heading(figure, "Joint torques", format_plain(f"{plan.name}, MuJoCo{_describe_end(run)}"))
     return figure
 
 

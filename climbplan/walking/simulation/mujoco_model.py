@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.simulation.attributes import numbers
+from climbplan.simulation.attributes import format_numbers
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.physical_inertia import physical_inertia
+from climbplan.simulation.physical_inertia import repair_inertia
 from climbplan.walking.plan.foot_centres import compute_steepness
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.task.task import POSITION
@@ -103,12 +103,12 @@ def build_ground_mjcf(plan: WalkPlan, conditions: Conditions, sunk: float = 0.0)
             center = 0.5 * (lower + upper) - [0, 0, _GROUND_THICKNESS / 2]
             half = [*(upper - lower)[:2] / 2, _GROUND_THICKNESS / 2]
             ground.append(
-                f'<geom name="ground{index}" type="box" pos="{numbers(center)}"'
-                f' size="{numbers(half)}"{shared}'
+                f'<geom name="ground{index}" type="box" pos="{format_numbers(center)}"'
+                f' size="{format_numbers(half)}"{shared}'
             )
             continue
         solid = np.concatenate([corners, corners - [0, 0, _GROUND_THICKNESS]])
-        meshes.append(f'<mesh name="ground{index}" vertex="{numbers(solid)}"/>')
+        meshes.append(f'<mesh name="ground{index}" vertex="{format_numbers(solid)}"/>')
         # The compiler moves meshes to their centres, and geoms back
         ground.append(f'<geom name="ground{index}" type="mesh" mesh="ground{index}"{shared}')
     return GroundMjcf("".join(meshes), "".join(ground))
@@ -122,15 +122,15 @@ def compute_hips(plan: WalkPlan) -> Array:
 def _build_body(plan: WalkPlan, conditions: Conditions) -> str:
     """Build the rigid body with its free joint."""
     body = plan.task.body
-    matrix = physical_inertia(body.inertia, "the body")
+    matrix = repair_inertia(body.inertia, "the body")
     inertia = [*np.diag(matrix), matrix[0, 1], matrix[0, 2], matrix[1, 2]]
     half = [*np.abs(compute_hips(plan)).max(axis=0)[:2], _HALF_HEIGHT]
     start = plan.trajectory.state[0, POSITION]
     return (
-        f'<body name="body" pos="{numbers(start)}"><freejoint name="free"/>'
+        f'<body name="body" pos="{format_numbers(start)}"><freejoint name="free"/>'
         f'<inertial pos="0 0 0" mass="{body.mass + conditions.payload:.9g}"'
-        f' fullinertia="{numbers(inertia)}"/>'
-        f'<geom name="body" type="box" size="{numbers(half)}" material="body"'
+        f' fullinertia="{format_numbers(inertia)}"/>'
+        f'<geom name="body" type="box" size="{format_numbers(half)}" material="body"'
         f' contype="{BODY_CONTACT}" conaffinity="0"/></body>'
     )
 

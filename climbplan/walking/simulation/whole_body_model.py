@@ -20,7 +20,7 @@ from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.kinds import validate
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.yaml_source import parse_yaml
-from climbplan.simulation.attributes import inertial_of, numbers
+from climbplan.simulation.attributes import format_numbers, write_inertial
 from climbplan.simulation.conditions import Conditions
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.schema.loading import load_stored_body
@@ -182,18 +182,18 @@ class _BodyTree:
         mass, payload = float(inertia.mass), ""
         if self.payload:
             payload = (
-                f'<body pos="{numbers(self.centre)}"><inertial pos="0 0 0"'
+                f'<body pos="{format_numbers(self.centre)}"><inertial pos="0 0 0"'
                 f' mass="{self.payload:.9g}" diaginertia="1e-6 1e-6 1e-6"/></body>'
             )
-        inertial = inertial_of(mass, lever, rotated_inertia, "the body")
+        inertial = write_inertial(mass, lever, rotated_inertia, "the body")
         half = [0.5 * self.half[0], 0.35 * self.half[1], _HALF_HEIGHT]
         children = "".join(
             self._build_link(child, self.to_walking) for child in self.children.get(_ROOT_JOINT, [])
         )
         return (
             f'<body name="body"><freejoint name="free"/>{inertial}'
-            f'<geom name="body" type="box" pos="{numbers(self.centre)}" size="{numbers(half)}"'
-            f' mass="0" material="body" contype="{BODY_CONTACT}" conaffinity="0"/>'
+            f'<geom name="body" type="box" pos="{format_numbers(self.centre)}"'
+            f' size="{format_numbers(half)}" mass="0" material="body" contype="{BODY_CONTACT}" conaffinity="0"/>'
             f"{payload}{children}</body>"
         )
 
@@ -217,8 +217,8 @@ class _BodyTree:
             if self.legs.mimics[leg, number]:
                 bounds = ""  # the followed joint has them
             hinge = (
-                f'<joint name="{leg}_{number}" type="{kind}" axis="{numbers(column)}"{bounds}'
-                f"{self.resistance[name]}/>"
+                f'<joint name="{leg}_{number}" type="{kind}" axis="{format_numbers(column)}"'
+                f"{bounds}{self.resistance[name]}/>"
             )
             toe = self._build_toe(leg, joint) if number == self.legs.chain.joint_count - 1 else ""
         children = "".join(
@@ -229,13 +229,13 @@ class _BodyTree:
             for child in self.children.get(joint, [])
         )
         lever, inertia_matrix = np.array(inertia.lever), np.array(inertia.inertia)
-        inertial = inertial_of(
+        inertial = write_inertial(
             float(inertia.mass), lever, inertia_matrix, f"the link moved by {name}"
         )
         position = to_model @ np.array(place.translation)
         return (
-            f'<body pos="{numbers(position)}" quat="{quat.w:.12g} {quat.x:.12g} {quat.y:.12g}'
-            f' {quat.z:.12g}">{inertial}{hinge}{visuals}{toe}{children}</body>'
+            f'<body pos="{format_numbers(position)}" quat="{quat.w:.12g} {quat.x:.12g} '
+            f'{quat.y:.12g} {quat.z:.12g}">{inertial}{hinge}{visuals}{toe}{children}</body>'
         )
 
     def _build_toe(self, leg: int, joint: int) -> str:
@@ -255,10 +255,10 @@ class _BodyTree:
         place = frame.placement
         point = np.array(place.translation) + np.array(place.rotation) @ np.array(spec.toe_offset)
         return (
-            f'{self._build_visual(point)}<geom name="toe{leg}" type="sphere" pos="{numbers(point)}"'
-            f' size="{foot_sphere_radius(self.urdf_model.robot)}" mass="0" material="toe"'
+            f'{self._build_visual(point)}<geom name="toe{leg}" type="sphere"'
+            f' pos="{format_numbers(point)}" size="{foot_sphere_radius(self.urdf_model.robot)}" mass="0" material="toe"'
             f' friction="0 0 0" contype="{TOE_CONTACT}" conaffinity="0"/>'
-            f'<site name="toe{leg}" pos="{numbers(point)}"/>'
+            f'<site name="toe{leg}" pos="{format_numbers(point)}"/>'
         )
 
     def _build_visual(self, end: Array) -> str:
@@ -267,7 +267,7 @@ class _BodyTree:
         if length < 1e-3:
             return ""
         return (
-            f'<geom type="capsule" fromto="0 0 0 {numbers(end)}"'
+            f'<geom type="capsule" fromto="0 0 0 {format_numbers(end)}"'
             f' size="{_LINK_THICKNESS * length:.4g}" mass="0"'
             ' rgba="0.35 0.55 0.80 1" contype="0" conaffinity="0"/>'
         )

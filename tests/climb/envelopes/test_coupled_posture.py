@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from climbplan.climb.envelopes.legs import INSCRIBED, ball_directions
+from climbplan.climb.envelopes.legs import INSCRIBED, build_ball_directions
 from climbplan.climb.envelopes.relaxation import solve_relaxed
 from climbplan.climb.envelopes.search import find_posture
-from climbplan.climb.envelopes.statement import PostureStatement, posture_statement
+from climbplan.climb.envelopes.statement import PostureStatement, build_posture_statement
 from climbplan.climb.envelopes.terrains import (
     DISTRIBUTIONS,
     Patches,
     TerrainDistribution,
-    distribution,
+    select_distribution,
 )
 from climbplan.errors import UsageError
 from climbplan.robots.model import Robot
@@ -30,15 +30,15 @@ def robot() -> Robot:
 def case(
     request: pytest.FixtureRequest, robot: Robot
 ) -> tuple[TerrainDistribution, PostureStatement]:
-    terrains = distribution(request.param, robot)
-    return terrains, posture_statement(terrains.legs)
+    terrains = select_distribution(request.param, robot)
+    return terrains, build_posture_statement(terrains.legs)
 
 
 def test_directions_leave_the_polytope_inside_the_ball() -> None:
     """The constant is the least cosine to the nearest direction, found by sampling."""
     points = np.random.default_rng(0).normal(size=(200_000, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
-    least = (points @ ball_directions().T).max(axis=1).min()
+    least = (points @ build_ball_directions().T).max(axis=1).min()
     assert INSCRIBED <= least <= INSCRIBED + 1e-3
 
 
@@ -72,8 +72,8 @@ def test_feasible_points_satisfy_the_physics(
 
 def test_infeasible_is_what_scip_finds_too(robot: Robot) -> None:
     """Labels of walls agree with spatial branch and bound on the statement itself."""
-    terrains = distribution("wall3", robot)
-    statement = posture_statement(terrains.legs)
+    terrains = select_distribution("wall3", robot)
+    statement = build_posture_statement(terrains.legs)
     labels = []
     for k in range(8):
         patches = terrains.sample(np.random.default_rng([7, k]))
@@ -104,7 +104,7 @@ def test_relaxation_holds_every_posture(
 
 
 def test_rows_of_patches_round_trip(robot: Robot) -> None:
-    patches = distribution("wall5", robot).sample(np.random.default_rng(1))
+    patches = select_distribution("wall5", robot).sample(np.random.default_rng(1))
     again = Patches.from_vector(patches.vector())
     np.testing.assert_array_equal(again.vertices, patches.vertices)
     np.testing.assert_array_equal(again.normal, patches.normal)
@@ -114,7 +114,7 @@ def test_rows_of_patches_round_trip(robot: Robot) -> None:
 
 
 def test_samples_stay_in_their_distribution(robot: Robot) -> None:
-    terrains = distribution("wall3", robot)
+    terrains = select_distribution("wall3", robot)
     for k in range(50):
         patches = terrains.sample(np.random.default_rng(k))
         cosine = np.einsum("ij,ij->i", patches.normal, terrains.normal)
@@ -123,13 +123,13 @@ def test_samples_stay_in_their_distribution(robot: Robot) -> None:
         off = np.abs(patches.vertices.mean(axis=1) - terrains.legs.stance)
         assert (off <= terrains.jitter + 1e-12).all()
     with pytest.raises(UsageError, match="unknown terrains"):
-        distribution("ceiling", Robot.from_spec(load_robot("silvia")))
+        select_distribution("ceiling", Robot.from_spec(load_robot("silvia")))
 
 
 def test_a_program_that_defeats_presolve_is_still_decided(robot: Robot) -> None:
     """HiGHS 1.15 ends with neither answer on this terrain, and from the basis it leaves."""
-    terrains = distribution("wall3", robot)
-    statement = posture_statement(terrains.legs)
+    terrains = select_distribution("wall3", robot)
+    statement = build_posture_statement(terrains.legs)
     patches = terrains.sample(np.random.default_rng([3, 351]))
     theta = statement.theta(patches)
     assert solve_relaxed(terrains.legs, patches, theta["force"], theta["moment"]) is None

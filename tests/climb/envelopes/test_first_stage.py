@@ -9,18 +9,18 @@ import numpy as np
 import pytest
 
 from climbplan.climb.envelopes.first_stage import FirstStage, Manner
-from climbplan.climb.envelopes.first_stage_labels import LabelledTerrains, labels_of
+from climbplan.climb.envelopes.first_stage_labels import LabelledTerrains, build_labeller
 from climbplan.climb.envelopes.fit import (
-    heuristic,
-    holds_linear_point,
-    holds_point,
+    build_heuristic_envelope,
+    contains_linear_point,
+    contains_point,
     measure,
-    recentred,
-    stages,
+    prepare_stages,
+    recentre_points,
 )
 from climbplan.climb.envelopes.rows import Rows, collect_rows
-from climbplan.climb.envelopes.statement import PostureStatement, posture_statement
-from climbplan.climb.envelopes.terrains import TerrainDistribution, distribution
+from climbplan.climb.envelopes.statement import PostureStatement, build_posture_statement
+from climbplan.climb.envelopes.terrains import TerrainDistribution, select_distribution
 from climbplan.learning.envelope_box import Envelope, compute_bounding_box
 from climbplan.robots.model import Robot
 from climbplan.schema.robots.source import load_robot
@@ -30,28 +30,28 @@ Case = tuple[TerrainDistribution, PostureStatement, Rows]
 
 @pytest.fixture(scope="module")
 def case() -> Case:
-    terrains = distribution("wall3", Robot.from_spec(load_robot("silvia")))
-    statement = posture_statement(terrains.legs)
+    terrains = select_distribution("wall3", Robot.from_spec(load_robot("silvia")))
+    statement = build_posture_statement(terrains.legs)
     return terrains, statement, collect_rows(terrains, statement, 6, 6, seed=11)
 
 
 def _boxes(rows: Rows) -> list[Envelope]:
     """Boxes of several sizes about the middle of feasible points."""
     whole = compute_bounding_box(rows.point[rows.feasible])
-    return [whole.grown(share) for share in (-0.4, -0.2, 0.0, 0.5)]
+    return [whole.widen(share) for share in (-0.4, -0.2, 0.0, 0.5)]
 
 
 def test_a_point_in_the_box_makes_the_first_stage_feasible(case: Case) -> None:
     _, statement, rows = case
     seen = set()
     for manner in get_args(Manner):
-        prepared = stages(statement, rows, manner)
+        prepared = prepare_stages(statement, rows, manner)
         for stage in prepared:
             for box in _boxes(rows):
                 feasible = stage.solve(box.lower, box.upper) is not None
-                if holds_point(stage, box):
+                if contains_point(stage, box):
                     assert feasible
-                if not holds_linear_point(stage, box):
+                if not contains_linear_point(stage, box):
                     assert not feasible
                 seen.add(feasible)
     assert seen == {True, False}
@@ -64,7 +64,7 @@ def test_tightening_only_takes_points_away(case: Case) -> None:
         [
             [
                 [stage.solve(box.lower, box.upper) is not None for box in _boxes(rows)]
-                for stage in stages(statement, rows, manner)
+                for stage in prepare_stages(statement, rows, manner)
             ]
             for manner in manners
         ]
@@ -78,11 +78,11 @@ def test_tightening_only_takes_points_away(case: Case) -> None:
 def test_points_of_p_survive_propagation(case: Case) -> None:
     """A box drawn about a point of P keeps that point, whatever the rows cut off."""
     _, statement, rows = case
-    for k, stage in enumerate(stages(statement, rows, "propagated")):
+    for k, stage in enumerate(prepare_stages(statement, rows, "propagated")):
         if not rows.feasible[k]:
             continue
         point = rows.point[k]
-        local = stage.relaxed(point - 0.15, point + 0.1)
+        local = stage.relax(point - 0.15, point + 0.1)
         assert local is not None
         at = stage.factors
         assert (local.lower[at] <= point + 1e-7).all()
@@ -95,15 +95,15 @@ def test_labels_do_not_depend_on_the_number_of_processes(case: Case) -> None:
     terrains, statement, rows = case
     known = np.where(rows.feasible[:, None, None], rows.point, np.nan)[:, None]
     labelled = LabelledTerrains(terrains.legs, rows.terrain, "propagated", known, "case")
-    prepared = stages(statement, rows, "propagated")
+    prepared = prepare_stages(statement, rows, "propagated")
     sets = [(box,) for box in _boxes(rows)]
     chosen = np.array([0, 3, 5, 8, 11])
-    alone = labels_of(labelled, prepared)(sets, chosen)
-    shared = labels_of(labelled, prepared, jobs=2)(sets, chosen)
+    alone = build_labeller(labelled, prepared)(sets, chosen)
+    shared = build_labeller(labelled, prepared, jobs=2)(sets, chosen)
     np.testing.assert_array_equal(alone, shared)
     # The shortcut by known points changes nothing
     unknown = replace(labelled, known=np.full_like(known, np.nan))
-    np.testing.assert_array_equal(alone, labels_of(unknown, prepared)(sets, chosen))
+    np.testing.assert_array_equal(alone, build_labeller(unknown, prepared)(sets, chosen))
 
 
 def test_labels_and_points_of_rows(case: Case) -> None:
@@ -138,7 +138,7 @@ def test_projection_keeps_toes_and_satisfies_everything(case: Case) -> None:
 
 def test_recentred_points_stay_feasible_and_crowd(case: Case) -> None:
     _, statement, rows = case
-    moved = recentred(rows, stages(statement, rows, "published"))
+    moved = recentre_points(rows, prepare_stages(statement, rows, "published"))
     good = rows.feasible
     spread = moved.point[good].std(axis=0).mean()
     assert spread < rows.point[good].std(axis=0).mean()
@@ -148,11 +148,11 @@ def test_recentred_points_stay_feasible_and_crowd(case: Case) -> None:
 def test_validation_counts(case: Case) -> None:
     """The whole space calls everything feasible; an empty corner of it nothing."""
     terrains, statement, rows = case
-    prepared = stages(statement, rows, "published")
+    prepared = prepare_stages(statement, rows, "published")
     ones = np.ones((3, 6))
     everything = measure((Envelope(-ones, ones),), rows, prepared).validation
     assert (everything.feasible, everything.nlp) == (1.0, 1.0)
     nothing = measure((Envelope(0.99 * ones, ones),), rows, prepared).validation
     assert (nothing.feasible, nothing.infeasible, nothing.nlp) == (0.0, 1.0, 0.0)
-    expert = heuristic(terrains)
+    expert = build_heuristic_envelope(terrains)
     assert (expert.lower <= expert.upper).all()

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.climb.envelopes.shipped import SHIPPED, shipped_envelopes
+from climbplan.climb.envelopes.shipped import SHIPPED, read_shipped_envelopes
 from climbplan.climb.schema.envelopes_loading import load_envelopes
 from climbplan.errors import UsageError
 
@@ -18,7 +18,7 @@ ASKED = {"ground3": (0.98, 0.85), "wall3": (0.94, 0.85), "wall5": (0.95, 0.85)}
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_envelopes_are_of_their_specs(name: str) -> None:
-    stored = shipped_envelopes(name)
+    stored = read_shipped_envelopes(name)
     assert stored.spec_text == load_envelopes(SPECS / f"envelopes_{name}.yaml").text
     assert len(stored.fingerprint) == 64
     assert set(stored.envelopes) == {"clustering", "genetic", "heuristic"}
@@ -30,7 +30,7 @@ def test_shipped_envelopes_are_of_their_specs(name: str) -> None:
 
 @pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_envelopes_reach_what_is_asked(name: str) -> None:
-    stored = shipped_envelopes(name)
+    stored = read_shipped_envelopes(name)
     row = stored.validation["clustering"]
     assert min(row["feasible_count"], row["infeasible_count"]) >= 500
     assert row["feasible"] >= ASKED[name][0]
@@ -45,4 +45,4 @@ def test_shipped_envelopes_reach_what_is_asked(name: str) -> None:
 
 def test_unknown_names_are_refused() -> None:
     with pytest.raises(UsageError, match="ground3, wall3, wall5"):
-        shipped_envelopes("ceiling")
+        read_shipped_envelopes("ceiling")

@@ -12,7 +12,7 @@ import pytest
 from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
-from climbplan.climb.plan.promise import Promise, interval_of
+from climbplan.climb.plan.promise import Promise, compute_interval
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import LoadedClimb, load_text
 from climbplan.climb.schema.margins import MarginsSpec
@@ -74,7 +74,7 @@ def test_a_plan_that_stands_is_planned_once(monkeypatch: pytest.MonkeyPatch) -> 
     assert promise.met
     assert promise.helps == ()
     assert promise.worlds == 60
-    assert promise.upper == pytest.approx(interval_of(promise.falls, 60)[1])
+    assert promise.upper == pytest.approx(compute_interval(promise.falls, 60)[1])
     assert f"stands in {60 - promise.falls} of 60 worlds" in plan.summary[-1]
     # The same worlds again, by seed and number alone
     again = estimate_risk(plan, Conditions(), "statics", 60, promise.seed)
@@ -230,8 +230,8 @@ def test_risk_is_a_probability() -> None:
 
 
 def test_interval_is_clopper_and_pearsons() -> None:
-    assert interval_of(0, 300) == pytest.approx((0.0, 0.012221), abs=1e-6)
-    assert interval_of(300, 300)[1] == 1.0
-    met = Promise(0.02, "statics", 0, 300, 0, *interval_of(0, 300), {}, (), (), ())
+    assert compute_interval(0, 300) == pytest.approx((0.0, 0.012221), abs=1e-6)
+    assert compute_interval(300, 300)[1] == 1.0
+    met = Promise(0.02, "statics", 0, 300, 0, *compute_interval(0, 300), {}, (), (), ())
     assert met.met
     assert not replace(met, risk=0.01).met

@@ -13,10 +13,10 @@ from short_climb import SHORT_CLIMB
 
 from climbplan.api.making import run_planner
 from climbplan.api.recounting import recount_worlds, require_climb
-from climbplan.climb.check.verification import verify_plan, verify
+from climbplan.climb.check.verification import verify, verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
-from climbplan.climb.plan.world_sample import WorldSample, wilson_interval
+from climbplan.climb.plan.world_sample import WorldSample, compute_wilson_interval
 from climbplan.climb.schema.loading import load_text
 from climbplan.climb.simulation.risk import sampling, suggestions
 from climbplan.climb.simulation.risk.estimation import RiskEstimate, ScenarioOutcome
@@ -28,7 +28,7 @@ Planned = Callable[..., ClimbPlan]
 
 
 def sample(falls: int, worlds: int = 100) -> WorldSample:
-    lower, upper = wilson_interval(worlds - falls, worlds)
+    lower, upper = compute_wilson_interval(worlds - falls, worlds)
     spread = {"friction": ["normal", 0.0, 0.2]}
     return WorldSample("statics", 3, worlds, falls, lower, upper, spread, ("7: a toe slides, LR",))
 
@@ -40,9 +40,9 @@ def judged(plan: ClimbPlan, falls: int, worlds: int) -> RiskEstimate:
 
 
 def test_wilson_intervals() -> None:
-    assert wilson_interval(95, 100) == pytest.approx((0.8882, 0.9785), abs=1e-4)
-    assert wilson_interval(100, 100) == pytest.approx((0.9630, 1.0), abs=1e-4)
-    assert wilson_interval(0, 100) == pytest.approx((0.0, 0.0370), abs=1e-4)
+    assert compute_wilson_interval(95, 100) == pytest.approx((0.8882, 0.9785), abs=1e-4)
+    assert compute_wilson_interval(100, 100) == pytest.approx((0.9630, 1.0), abs=1e-4)
+    assert compute_wilson_interval(0, 100) == pytest.approx((0.0, 0.0370), abs=1e-4)
 
 
 def test_falls_in_more_than_one_world_of_twenty_make_a_plan_fragile(planned: Planned) -> None:
@@ -121,7 +121,7 @@ def test_falls_are_counted_again_by_the_stored_seed(planned: Planned, tmp_path: 
     found = recount_worlds(path, verify(path))
     assert found.checks[-1].name == "robust.recount"
     assert found.checks[-1].residual == 0
-    low, high = wilson_interval(told.worlds - told.falls - 1, told.worlds)
+    low, high = compute_wilson_interval(told.worlds - told.falls - 1, told.worlds)
     wrong = replace(told, falls=told.falls + 1, lower=low, upper=high)
     write_climb(replace(plan, sample=wrong), path)
     assert [c.name for c in recount_worlds(path, verify(path)).failed] == ["robust.recount"]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.promise import interval_of
+from climbplan.climb.plan.promise import compute_interval
 from climbplan.climb.simulation.model.mjcf import build_mjcf
 from climbplan.climb.simulation.report import build_report
 from climbplan.climb.simulation.risk.estimation import RiskEstimate, ScenarioOutcome, estimate_risk
@@ -18,7 +18,7 @@ from climbplan.climb.simulation.worlds.perturbed_terrain import perturb_terrain
 from climbplan.climb.simulation.worlds.uncertainty import build_layout, draw_numbers
 from climbplan.climb.simulation.worlds.uncertainty_spec import read_uncertainty
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.motors import motor_stiffness
+from climbplan.simulation.motors import compute_motor_stiffness
 from climbplan.simulation.pictures import open_camera
 from climbplan.simulation.request import SimulationRequest
 from climbplan.terrain.surfaces import Region
@@ -53,8 +53,8 @@ def test_worlds_change_the_simulated_model(planned: Planned) -> None:
     conditions = Conditions(world=layout.world(draw_numbers(0, 0, layout.size)))
     world = conditions.world
     assert world is not None
-    assert motor_stiffness(plan.robot, conditions) == pytest.approx(
-        motor_stiffness(plan.robot, Conditions()) * world.stiffness
+    assert compute_motor_stiffness(plan.robot, conditions) == pytest.approx(
+        compute_motor_stiffness(plan.robot, Conditions()) * world.stiffness
     )
     before, after = plan.terrain.surfaces[0], perturb_terrain(plan.terrain, world).surfaces[0]
     assert isinstance(before, Region)
@@ -69,9 +69,9 @@ def test_worlds_change_the_simulated_model(planned: Planned) -> None:
 
 
 def test_intervals_are_exact() -> None:
-    assert interval_of(0, 300) == pytest.approx((0.0, 0.01222), abs=1e-5)
-    assert interval_of(2, 8) == pytest.approx((0.03185, 0.65086), abs=1e-5)
-    assert interval_of(5, 5)[1] == 1.0
+    assert compute_interval(0, 300) == pytest.approx((0.0, 0.01222), abs=1e-5)
+    assert compute_interval(2, 8) == pytest.approx((0.03185, 0.65086), abs=1e-5)
+    assert compute_interval(5, 5)[1] == 1.0
 
 
 def test_judgements_do_not_depend_on_workers(planned: Planned) -> None:

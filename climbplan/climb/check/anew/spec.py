@@ -21,8 +21,8 @@ from climbplan.schema.robots.source import AnyRobot
 from climbplan.schema.robots.stored import NotKept, StoredRobot, build_stored_robot
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.terrain.model import build_terrain
-from climbplan.verification.check import Check, LeftOut, judge, not_compared
-from climbplan.verification.differences import Difference, largest, parts_apart
+from climbplan.verification.check import Check, LeftOut, judge, mark_not_compared
+from climbplan.verification.differences import Difference, compare_recursively, select_largest
 
 if TYPE_CHECKING:
     from climbplan.climb.schema.transition import TransitionSpec
@@ -49,7 +49,7 @@ def compare_with_spec(
         yield _check_robot(plan, robot, stored)
     except (NotKept, MissingSolver) as reason:
         note = f"{reason}: the robot is taken from the plan file"
-        yield not_compared(judge("robot.spec", 0.0), note, "robot as stored", note)
+        yield mark_not_compared(judge("robot.spec", 0.0), note, "robot as stored", note)
     except SpecError as error:
         yield judge("robot.spec", float("inf"), str(error).splitlines()[0])
         return
@@ -86,7 +86,7 @@ def _check_robot(plan: ClimbPlan, robot: Robot, stored: StoredRobot) -> Check:
         )
     if plan.robot.dynamics is None:  # plan files without rotors: they do not enter planning
         unknown.append("dynamics")
-    worst = largest(parts_apart("robot", plan.robot, robot, unknown))
+    worst = select_largest(compare_recursively("robot", plan.robot, robot, unknown))
     check = judge("robot.spec", worst.size, _describe_difference(worst, plan.robot))
     if stored.unknown:
         names = " and ".join(stored.unknown)
@@ -108,7 +108,9 @@ def _check_terrain(plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, robot: Rob
     except ClimbplanError as error:
         return judge("terrain.spec", float("inf"), str(error).splitlines()[0])
     # The raw surface of a scan is in no spec: the checks scan.* hold the plan against it
-    worst = largest(parts_apart("terrain", replace(plan.terrain, scan=None), terrain))
+    worst = select_largest(
+        compare_recursively("terrain", replace(plan.terrain, scan=None), terrain)
+    )
     return judge("terrain.spec", worst.size, _describe_difference(worst, plan.robot))
 
 
@@ -125,12 +127,12 @@ def _check_spine_model(
     if model_name is None or model_name.endswith(".json"):
         cause = f"the plan does not carry {model_name}" if model_name else "the robot says which"
         note = f"{cause}: the model of spines is taken from the plan file"
-        return not_compared(judge("grip.model", 0.0), note, "spines as stored", note)
+        return mark_not_compared(judge("grip.model", 0.0), note, "spines as stored", note)
     try:
         model = SpineModel(**vars(load_model(model_name)))
     except ClimbplanError as error:
         return judge("grip.model", float("inf"), str(error))
-    worst = largest(parts_apart("grips.model", grips.model, model))
+    worst = select_largest(compare_recursively("grips.model", grips.model, model))
     return judge("grip.model", worst.size, _describe_difference(worst, plan.robot))
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.simulation.model.chain_limb import require_chain
 from climbplan.climb.simulation.model.link_masses import select_link_masses
 from climbplan.climb.simulation.model.mjcf import compute_link_mass
@@ -31,7 +31,7 @@ def compute_gravity_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
     Those of prismatic joints are forces [N].
     """
     robot = plan.robot
-    angles = true_angles(plan, sample_instants(plan))
+    angles = compute_true_angles(plan, sample_instants(plan))
     rotation = rotation_world_body(plan.trajectory.rpy)
     if isinstance(robot.mechanism, FiveBar):
         return _differentiate_potential(
@@ -56,7 +56,7 @@ def compute_links_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:
     The force is zero, as the robot's whole mass counts to the body elsewhere.
     """
     rotation = rotation_world_body(plan.trajectory.rpy)
-    angles = true_angles(plan, sample_instants(plan))
+    angles = compute_true_angles(plan, sample_instants(plan))
     moment = compute_links_moment(plan, conditions, rotation, angles)
     return np.concatenate([np.zeros_like(moment), moment], axis=1)
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.kinematics import contact_jacobian, held_rows
 
@@ -19,7 +19,7 @@ def compute_planned_pressure(plan: ClimbPlan) -> Array:
     """
     trajectory, robot = plan.trajectory, plan.robot
     instant = sample_instants(plan)
-    angles = true_angles(plan, instant)
+    angles = compute_true_angles(plan, instant)
     torque = (angles - trajectory.joint_command) / joint_softness(robot)
     normal = plan.instants.normal[np.maximum(instant, 0)]
     jacobian = contact_jacobian(robot, trajectory.rpy, angles, normal)

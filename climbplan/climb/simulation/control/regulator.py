@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, spans_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.simulation.control.odometry import find_trusted_toes
 from climbplan.climb.simulation.control.steady_rate import compute_stable_rates
 from climbplan.control.joint_regulator import Corrections, Pose, RegulatorTables, build_chains
@@ -22,7 +22,7 @@ from climbplan.robots.last_link import last_link_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.simulation.measures import rolled
+from climbplan.simulation.measures import integrate_rolling
 
 # By the largest singular value: smaller singular values are damped, as toes of limbs that are
 # nearly straight move on arcs
@@ -39,7 +39,7 @@ def build_regulator_tables(plan: ClimbPlan, gain: Array | None = None) -> Regula
             so that joints exert the same torques at the same angles. None takes those of the robot.
     """
     trajectory, robot = plan.trajectory, plan.robot
-    angles = true_angles(plan, sample_instants(plan))
+    angles = compute_true_angles(plan, sample_instants(plan))
     total_compliance = joint_softness(robot)
     structural_compliance = total_compliance - 1 / robot.joint_stiffness
     gain = robot.joint_stiffness if gain is None else gain
@@ -116,7 +116,7 @@ def _compute_rolling(plan: ClimbPlan, angles: Array) -> Array:
     links = rotation @ np.swapaxes(last_link_body(robot, angles), -1, -2)
     for limb in range(robot.limb_count):
         for first, last in spans_of(trajectory.contact[:, limb]):
-            displacement = rolled(
+            displacement = integrate_rolling(
                 robot.foot.radius, links[first:last, limb], normal[last - 1, limb]
             )
             rolling[first:last, limb] = rolling[max(first - 1, 0), limb] + displacement

@@ -25,7 +25,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.conditions import NOMINAL
-from climbplan.simulation.motors import joint_damping
+from climbplan.simulation.motors import compute_joint_damping
 
 _RATE_FRACTION = 0.6  # of the rate at which the slowest mode becomes unstable
 _MIN_STIFFNESS_RATIO = 1e-3  # remaining stiffness by that without forces, below which the rate is 0
@@ -52,7 +52,7 @@ def _compute_rates(plan: ClimbPlan) -> Array:
     normal = by_point(robot, instants.normal, 1)
     body = braced_body(robot, *pose, jacobian, arms, contact, normal)
     change = relative_stiffness(body, plan.forces.force)
-    damping = joint_damping(robot, NOMINAL)
+    damping = compute_joint_damping(robot, NOMINAL)
     turn = body.turn.reshape(len(arms), -1, 6)
     damped = np.swapaxes(turn, 1, 2) @ (body.turn * damping[..., None]).reshape(turn.shape)
     mass = _compute_mass_matrices(robot, *pose)

@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray, spans_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.robots.gripper import wrists_at
 from climbplan.robots.last_link import last_link_body
 from climbplan.robots.rotations import rotation_world_body
@@ -65,7 +65,7 @@ def plan_wrists(plan: ClimbPlan, region: IntArray) -> tuple[Array, Array]:
     surfaces = plan.terrain.surfaces
     normals = np.array([s.normal if isinstance(s, Region) else np.zeros(3) for s in surfaces])
     axes = np.array([_get_closing_axis(s) for s in surfaces])
-    angles = true_angles(plan, sample_instants(plan))
+    angles = compute_true_angles(plan, sample_instants(plan))
     rotation = rotation_world_body(trajectory.rpy)
     link = np.einsum("tab,tnib->tnia", rotation, last_link_body(plan.robot, angles))
     wrists = wrists_at(link, -normals[region], axes[region])

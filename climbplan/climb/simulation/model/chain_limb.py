@@ -18,7 +18,7 @@ from climbplan.errors import UsageError
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.simulation.attributes import inertial_of, numbers
+from climbplan.simulation.attributes import format_numbers, write_inertial
 from climbplan.terrain.raw_surface import SLENDER
 
 _MIN_LINK_LENGTH = 0.01  # [m] of a link that is drawn and touches
@@ -52,7 +52,7 @@ class LimbTip:
                 [(1 - far_distance / length) * toe, (1 - near_distance / length) * toe]
             )
             lines.append(
-                f'<geom type="capsule" fromto="{numbers(ends)}" size="{radius:.6g}" mass="0"'
+                f'<geom type="capsule" fromto="{format_numbers(ends)}" size="{radius:.6g}" mass="0"'
                 f' material="link" contype="{contype}" conaffinity="0"/>'
             )
         return lines
@@ -147,13 +147,13 @@ def build_chain_limb(
             axis = chain.slide_zero[limb, j]
         link_mass = mass if exists else _DUMMY_MASS
         lines += [
-            f'<body name="{name}" pos="{numbers(points[j] - parent)}">',
-            joints_xml[j].format(name=name, axis=numbers(axis)),
+            f'<body name="{name}" pos="{format_numbers(points[j] - parent)}">',
+            joints_xml[j].format(name=name, axis=format_numbers(axis)),
         ]
         length = float(np.linalg.norm(end))
         if weights is not None:
             lines.append(
-                inertial_of(
+                write_inertial(
                     weights.mass[limb, j],
                     weights.middle[limb, j],
                     weights.inertia[limb, j],
@@ -172,7 +172,7 @@ def build_chain_limb(
             collision_class = contype if robot.capsules is None else 0
             lines.append(
                 f'<geom name="{name}" type="capsule" '
-                f'fromto="0 0 0 {numbers(shown_fraction * end)}" '
+                f'fromto="0 0 0 {format_numbers(shown_fraction * end)}" '
                 f'size="{radius:.6g}" mass="{shape_mass:.9g}" '
                 f'material="link" contype="{collision_class}" '
                 'conaffinity="0"/>'
@@ -182,7 +182,7 @@ def build_chain_limb(
         if robot.capsules is not None:
             lines += _build_capsules(robot, robot.capsules, limb, j, points, tip, contype)
         parent = points[j]
-    lines.append(toe_xml.format(place=numbers(points[-1] - points[-2])))
+    lines.append(toe_xml.format(place=format_numbers(points[-1] - points[-2])))
     return [*lines, "</body>" * robot.joint_count]
 
 
@@ -231,9 +231,9 @@ def _build_capsules(
         tip_point = end + axis * (setback / length) if setback > 0 else end
         shown_radius = max(float(radius), _MIN_RADIUS)
         ends = np.stack([start, tip_point]) - points[joint]
-        shape = f'type="capsule" fromto="{numbers(ends)}"'
+        shape = f'type="capsule" fromto="{format_numbers(ends)}"'
         if float(np.linalg.norm(start - tip_point)) < _MIN_AXIS_LENGTH:
-            shape = f'type="sphere" pos="{numbers(ends[0])}"'
+            shape = f'type="sphere" pos="{format_numbers(ends[0])}"'
         lines.append(
             f'<geom {shape} size="{shown_radius:.6g}" mass="0" material="link" contype="{contype}" '
             'conaffinity="0"/>'

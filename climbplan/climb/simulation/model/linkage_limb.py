@@ -14,7 +14,7 @@ from climbplan.arrays import Array
 from climbplan.climb.simulation.model.chain_limb import name_motors
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.model import Robot
-from climbplan.simulation.attributes import numbers
+from climbplan.simulation.attributes import format_numbers
 
 HINGE = "0 -1 0"  # turns what hangs down outward
 _CRANK_MASS = 1e-3  # [kg] of crank A, which carries its motor's rotor inertia
@@ -38,7 +38,7 @@ def build_linkage_limb(
     assert isinstance(mechanism, FiveBar)
     bar, radius = mechanism.linkage, max(robot.limb_radius, 0.005)
     half = robot.mount_yaw[limb] / 2
-    orientation = numbers(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
+    orientation = format_numbers(np.array([np.cos(half), 0.0, 0.0, np.sin(half)]))
     yaw, first, second = name_motors(robot, limb)
     hip, elbow, end = (
         np.array([bar.offset, 0.0, bar.axis_f]),
@@ -50,28 +50,29 @@ def build_linkage_limb(
 
     def link(name: str, end: Array, weight: float, width_factor: float = 1.0) -> str:
         return (
-            f'<geom name="{name}" type="capsule" fromto="0 0 0 {numbers(end)}"'
+            f'<geom name="{name}" type="capsule" fromto="0 0 0 {format_numbers(end)}"'
             f' size="{width_factor * radius:.6g}" mass="{weight:.9g}" material="link"'
             f' contype="{contype}" conaffinity="0"/>'
         )
 
     return [
-        f'<body name="{yaw}" pos="{numbers(robot.shoulder_body[limb])}" quat="{orientation}">',
+        f'<body name="{yaw}" pos="{format_numbers(robot.shoulder_body[limb])}" '
+        f'quat="{orientation}">',
         joints_xml[0].format(name=yaw, axis="0 0 1"),
         link(yaw, hip, mass),
         f'<body name="{second}" pos="{bar.offset:.9g} 0 {bar.axis_a:.9g}">',
         joints_xml[2].format(name=second, axis=HINGE),
         link(second, tip, _CRANK_MASS, 0.5),
-        f'<site name="tip{limb}" pos="{numbers(tip)}" size="0.001"/>',
+        f'<site name="tip{limb}" pos="{format_numbers(tip)}" size="0.001"/>',
         "</body>",
-        f'<body name="{first}" pos="{numbers(hip)}">',
+        f'<body name="{first}" pos="{format_numbers(hip)}">',
         joints_xml[1].format(name=first, axis=HINGE),
         link(first, elbow, mass),
-        f'<body name="last{limb}" pos="{numbers(elbow)}">',
+        f'<body name="last{limb}" pos="{format_numbers(elbow)}">',
         f'<joint name="elbow{limb}" axis="{HINGE}" {_ELBOW_JOINT}/>',
         link(f"last{limb}", end, mass),
-        f'<site name="held{limb}" pos="{numbers(anchor)}" size="0.001"/>',
-        end_xml.format(place=numbers(end)),
+        f'<site name="held{limb}" pos="{format_numbers(anchor)}" size="0.001"/>',
+        end_xml.format(place=format_numbers(end)),
         "</body></body></body>",
     ]
 

@@ -44,14 +44,14 @@ from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.model import Robot, dynamics_of
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.simulation.attributes import inertial_of, numbers
+from climbplan.simulation.attributes import format_numbers, write_inertial
 from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions
 from climbplan.simulation.motors import (
-    motor_damping,
-    motor_stiffness,
-    plays,
-    rotor_inertia,
-    viscous_friction,
+    compute_backlash,
+    compute_motor_damping,
+    compute_motor_stiffness,
+    compute_rotor_inertia,
+    compute_viscous_friction,
 )
 from climbplan.terrain.model import STATED
 from climbplan.terrain.raw_surface import NARROW, SLENDER
@@ -214,17 +214,17 @@ def _build_robot(
     inertial = position_xml = ""
     if weights is not None:
         mass_center = mass_center + weights.body_middle * (weights.body_mass / body_mass)
-        inertial = inertial_of(body_mass, mass_center, weights.body_inertia, "the body")
+        inertial = write_inertial(body_mass, mass_center, weights.body_inertia, "the body")
     elif mass_center.any() or is_off_center:
         inertia = body_mass / 3 * ((half_size**2).sum() - half_size**2)
         inertial = (
-            f'<inertial pos="{numbers(mass_center)}" mass="{body_mass:.9g}" '
-            f'diaginertia="{numbers(inertia)}"/>'
+            f'<inertial pos="{format_numbers(mass_center)}" mass="{body_mass:.9g}" '
+            f'diaginertia="{format_numbers(inertia)}"/>'
         )
     if is_off_center:
-        position_xml = f' pos="{numbers(center)}"'
+        position_xml = f' pos="{format_numbers(center)}"'
     box = (
-        f'<geom name="body" type="box"{position_xml} size="{numbers(half_size)}" '
+        f'<geom name="body" type="box"{position_xml} size="{format_numbers(half_size)}" '
         f'mass="{body_mass:.9g}" '
         f'material="body" contype="{BODY}" conaffinity="0"/>'
     )
@@ -244,7 +244,7 @@ def _build_limb(
 ) -> list[str]:
     l1, l2, l3 = robot.link_lengths[limb]
     half_yaw = robot.mount_yaw[limb] / 2
-    orientation = numbers([np.cos(half_yaw), 0.0, 0.0, np.sin(half_yaw)])
+    orientation = format_numbers([np.cos(half_yaw), 0.0, 0.0, np.sin(half_yaw)])
     radius = max(robot.limb_radius, 0.005)
     joints = dict(
         zip(("coxa", "femur", "tibia"), _build_joints(robot, limb, conditions), strict=True)
@@ -255,27 +255,28 @@ def _build_limb(
 
     def link(name: str, end: Array) -> str:
         return (
-            f'<geom name="{name}{limb}" type="capsule" fromto="0 0 0 {numbers(end)}"'
+            f'<geom name="{name}{limb}" type="capsule" fromto="0 0 0 {format_numbers(end)}"'
             f' size="{radius:.6g}" mass="{mass:.9g}" material="link" contype="{LINK}"'
             ' conaffinity="0"/>'
         )
 
     forward, down = np.array([1.0, 0, 0]), np.array([0, 0, -1.0])
-    toe = _build_end(robot, limb, conditions).format(place=numbers(l3 * down))
+    toe = _build_end(robot, limb, conditions).format(place=format_numbers(l3 * down))
     visual = (
-        f'<geom type="capsule" fromto="0 0 0 {numbers((l3 - radius / 4) * down)}"'
+        f'<geom type="capsule" fromto="0 0 0 {format_numbers((l3 - radius / 4) * down)}"'
         f' size="{radius / 4:.6g}" mass="0" material="link" contype="0" conaffinity="0"/>'
     )
     # A tibia narrows to its toe, as where the planner keeps it clear of what it stands on: what is
     # left of it there is seen but touches nothing.
     return [
-        f'<body name="coxa{limb}" pos="{numbers(robot.shoulder_body[limb])}" quat="{orientation}">',
+        f'<body name="coxa{limb}" pos="{format_numbers(robot.shoulder_body[limb])}" '
+        f'quat="{orientation}">',
         joint("coxa", "0 0 1"),
         link("coxa", l1 * forward),
-        f'<body name="femur{limb}" pos="{numbers(l1 * forward)}">',
+        f'<body name="femur{limb}" pos="{format_numbers(l1 * forward)}">',
         joint("femur", "0 -1 0"),
         link("femur", l2 * forward),
-        f'<body name="tibia{limb}" pos="{numbers(l2 * forward)}">',
+        f'<body name="tibia{limb}" pos="{format_numbers(l2 * forward)}">',
         joint("tibia", "0 -1 0"),
         link("tibia", max(l3 - tip.length, 0.1 * l3) * down),
         *tip.geoms(l3 * down, LINK),
@@ -304,10 +305,10 @@ def _build_joints(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
     """Build the joints of a limb with their backlash, each with {name} and {axis}."""
     joints = []
     parameters = zip(
-        plays(robot, conditions)[limb] / 2,
+        compute_backlash(robot, conditions)[limb] / 2,
         robot.joint_unit[limb],
-        rotor_inertia(robot, conditions)[limb],
-        viscous_friction(robot, conditions)[limb],
+        compute_rotor_inertia(robot, conditions)[limb],
+        compute_viscous_friction(robot, conditions)[limb],
         dynamics_of(robot).dry_friction[limb],
         strict=True,
     )
@@ -350,8 +351,8 @@ def _build_linkage(robot: Robot, limb: int, mass: float, conditions: Conditions)
 
 
 def _build_motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
-    stiffness = motor_stiffness(robot, conditions)[limb]
-    damping = motor_damping(robot, conditions)[limb]
+    stiffness = compute_motor_stiffness(robot, conditions)[limb]
+    damping = compute_motor_damping(robot, conditions)[limb]
     lines, mimics = [], find_mimic_joints(robot)[limb]
     for joint, name in enumerate(name_motors(robot, limb)):
         kp, kv = (0.0, 0.0) if mimics[joint] else (stiffness[joint], damping[joint])

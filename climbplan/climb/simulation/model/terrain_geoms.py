@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.simulation.model.toe import TOE_RADIUS
-from climbplan.simulation.attributes import numbers
+from climbplan.simulation.attributes import format_numbers
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import SLAB_THICKNESS, Region, Surface, Tube
@@ -85,7 +85,7 @@ def build_scan_geoms(
         front = corners[t] - depth * normal
         name = f"scan{t}"
         assets.append(_build_prism(name, np.vstack([front, front - _PRISM_DEPTH * normal])))
-        shape = f'type="mesh" mesh="{name}" pos="{numbers(front.mean(axis=0))}"'
+        shape = f'type="mesh" mesh="{name}" pos="{format_numbers(front.mean(axis=0))}"'
         lines.append(build_geom(name, shape, friction))
     return lines
 
@@ -93,23 +93,23 @@ def build_scan_geoms(
 def _build_prism(name: str, vertices: Array) -> str:
     """Build a triangle's prism as a mesh about the center of its front."""
     centered = vertices - vertices[:3].mean(axis=0)
-    return f'<mesh name="{name}" inertia="shell" vertex="{numbers(centered)}"/>'
+    return f'<mesh name="{name}" inertia="shell" vertex="{format_numbers(centered)}"/>'
 
 
 def _format_box(center: Array, axes: Array, half: Array) -> str:
     """Format the attributes of a box; axes: (3, 3), columns are its axes in the world."""
     return (
-        f'type="box" pos="{numbers(center)}" size="{numbers(half)}"'
-        f' xyaxes="{numbers(axes[:, 0])} {numbers(axes[:, 1])}"'
+        f'type="box" pos="{format_numbers(center)}" size="{format_numbers(half)}"'
+        f' xyaxes="{format_numbers(axes[:, 0])} {format_numbers(axes[:, 1])}"'
     )
 
 
 def add_mesh(name: str, solid: Solid, assets: list[str]) -> str:
     """Add the mesh of a solid to `assets` and return the attributes of its geom."""
     center = solid.vertices.mean(axis=0)
-    assets.append(f'<mesh name="{name}" vertex="{numbers(solid.vertices - center)}"/>')
+    assets.append(f'<mesh name="{name}" vertex="{format_numbers(solid.vertices - center)}"/>')
     # MuJoCo moves a mesh's vertices to its own centre and principal axes, and back where it stands.
-    return f'type="mesh" mesh="{name}" pos="{numbers(center)}"'
+    return f'type="mesh" mesh="{name}" pos="{format_numbers(center)}"'
 
 
 def _build_tube(name: str, tube: Tube, friction: float) -> list[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.simulation.attributes import numbers
+from climbplan.simulation.attributes import format_numbers
 
 # Contact forces act on a toe's surface, the planner's at a point. A radius of 2 mm bends SiLVIA's
 # limbs by as much as a sag of 0.15 mm, which is in proportion to it.
@@ -36,6 +36,6 @@ def build_sole_plate(robot: Robot, limb: int) -> str:
     half_size = [*sole.half_size, _PLATE_THICKNESS / 2]
     center = toe + (_PLATE_THICKNESS / 2 - TOE_RADIUS) * axes[:, 2]
     return (
-        f'type="box" pos="{numbers(center)}" size="{numbers(half_size)}"'
-        f' xyaxes="{numbers(axes[:, 0])} {numbers(axes[:, 1])}" {_PLATE_SOLVER}'
+        f'type="box" pos="{format_numbers(center)}" size="{format_numbers(half_size)}"'
+        f' xyaxes="{format_numbers(axes[:, 0])} {format_numbers(axes[:, 1])}" {_PLATE_SOLVER}'
     )

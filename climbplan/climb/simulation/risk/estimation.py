@@ -12,7 +12,7 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.promise import interval_of
+from climbplan.climb.plan.promise import compute_interval
 from climbplan.climb.simulation.comparison import find_losses, find_slips
 from climbplan.climb.simulation.replay import simulate
 from climbplan.climb.simulation.statics.engine import PreparedMotion, prepare_steps, simulate_steps
@@ -83,7 +83,7 @@ class RiskEstimate:
     @property
     def interval(self) -> tuple[float, float]:
         """95 % interval of the probability of a fall (Clopper and Pearson)."""
-        return interval_of(self.falls, len(self.outcomes))
+        return compute_interval(self.falls, len(self.outcomes))
 
     @property
     def parameters(self) -> list[tuple[str, float]]:

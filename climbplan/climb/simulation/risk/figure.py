@@ -8,7 +8,13 @@ from matplotlib.figure import Figure
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.risk.estimation import RiskEstimate, count_causes
 from climbplan.reports import palette
-from climbplan.reports.sheet import heading, new_figure, panel_title, plain, style_axes
+from climbplan.reports.sheet import (
+    draw_heading,
+    draw_panel_title,
+    format_plain,
+    new_figure,
+    style_axes,
+)
 
 _MAX_ROWS = 10  # rows of a panel
 
@@ -24,17 +30,17 @@ def plot_causes(risk: RiskEstimate, plan: ClimbPlan) -> Figure:
     left.barh(np.arange(len(rows)), [frequency for _, frequency in rows], color=palette.FAILURE)
     left.set_yticks(np.arange(len(rows)), labels)
     left.set_xlabel("worlds that fall")
-    panel_title(left, "what went wrong first")
+    draw_panel_title(left, "what went wrong first")
     ranked = risk.parameters[:_MAX_ROWS][::-1]
     right.barh(
         np.arange(len(ranked)), [difference for _, difference in ranked], color=palette.LIMBS[0]
     )
     right.set_yticks(np.arange(len(ranked)), [key for key, _ in ranked])
     right.set_xlabel("falls against stands [standard errors]")
-    panel_title(right, "which quantity")
+    draw_panel_title(right, "which quantity")
     for ax in (left, right):
         style_axes(ax)
     low, high = risk.interval
     falls_text = f"{risk.falls} of {len(risk.outcomes)} worlds fall, {low:.1%} to {high:.1%}"
-    heading(figure, f"{plain(plan.name)}: {falls_text}", risk.engine)
+    draw_heading(figure, f"{format_plain(plan.name)}: {falls_text}", risk.engine)
     return figure

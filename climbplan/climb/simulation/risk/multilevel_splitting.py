@@ -26,7 +26,7 @@ from scipy.special import stdtrit
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.promise import CONFIDENCE, interval_of
+from climbplan.climb.plan.promise import CONFIDENCE, compute_interval
 from climbplan.climb.simulation.statics.engine import PreparedMotion, prepare_steps, simulate_steps
 from climbplan.climb.simulation.statics.outcome import (
     FRICTION_USE,
@@ -91,7 +91,7 @@ class RareEventEstimate:
         p, error = self.probability, self.error
         quantile = float(stdtrit(len(self.estimates) - 1, (1 + CONFIDENCE) / 2))
         if p == 0.0:
-            return 0.0, interval_of(0, self.worlds)[1]
+            return 0.0, compute_interval(0, self.worlds)[1]
         if (self.estimates > 0).all():
             factor = float(np.exp(quantile * error / p))
             return p / factor, min(p * factor, 1.0)

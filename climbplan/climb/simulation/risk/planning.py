@@ -19,7 +19,7 @@ from dataclasses import dataclass, fields, replace
 from typing import Generic, Protocol, TypeVar
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.promise import Promise, interval_of
+from climbplan.climb.plan.promise import Promise, compute_interval
 from climbplan.climb.schema.margins import MarginsSpec
 from climbplan.climb.schema.model import TaskSpec
 from climbplan.climb.simulation.risk.estimation import RiskEstimate, count_causes, estimate_risk
@@ -125,7 +125,7 @@ def plan_with_risk(
         validation = _estimate(best.plan, worlds, (seed + time * _SEED_STRIDE) % 2**32, execution)
         candidate = replace(best, risk=validation)
         search.log_candidate(candidate, is_validation=True)
-        if hopeless or interval_of(validation.falls, worlds)[1] <= max_risk:
+        if hopeless or compute_interval(validation.falls, worlds)[1] <= max_risk:
             break
     promise = _build_promise(candidate.plan, max_risk, validation, tuple(search.log))
     return replace(
@@ -217,7 +217,7 @@ def _compute_allowed_falls(max_risk: float, risk: RiskEstimate) -> int:
     Half of the largest number that meets the bound: fresh worlds then nearly always meet it, too.
     """
     worlds, max_falls = len(risk.outcomes), 0
-    while interval_of(max_falls + 1, worlds)[1] <= max_risk:
+    while compute_interval(max_falls + 1, worlds)[1] <= max_risk:
         max_falls += 1
     return max_falls // 2
 
@@ -232,7 +232,7 @@ def _estimate(plan: ClimbPlan, worlds: int, seed: int, execution: Execution) -> 
 def _build_promise(
     plan: ClimbPlan, max_risk: float, risk: RiskEstimate, log: tuple[str, ...]
 ) -> Promise:
-    low, high = interval_of(risk.falls, len(risk.outcomes))
+    low, high = compute_interval(risk.falls, len(risk.outcomes))
     names = plan.robot.limb_names
     causes = tuple(
         f"{frequency}: {cause}{f', {limb}' if limb else ''}, round {number}"

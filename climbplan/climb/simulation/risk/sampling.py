@@ -10,7 +10,7 @@ from collections.abc import Callable
 from dataclasses import fields, replace
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.world_sample import WorldSample, wilson_interval
+from climbplan.climb.plan.world_sample import WorldSample, compute_wilson_interval
 from climbplan.climb.simulation.risk.estimation import RiskEstimate, count_causes, estimate_risk
 from climbplan.errors import UsageError
 from climbplan.simulation.conditions import Conditions
@@ -47,7 +47,7 @@ def sample_worlds(
 def summarise_worlds(risk: RiskEstimate, plan: ClimbPlan) -> WorldSample:
     """Summarise an estimate: falls with their confidence interval and most frequent causes."""
     count = len(risk.outcomes)
-    lower, upper = wilson_interval(count - risk.falls, count)
+    lower, upper = compute_wilson_interval(count - risk.falls, count)
     uncertainty = risk.layout.uncertainty
     spreads = {f.name: getattr(uncertainty, f.name) for f in fields(uncertainty)}
     return WorldSample(

@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.simulation.comparison import MIN_STANCE_PRESSURE, find_stance
 from climbplan.climb.simulation.control.feedforward import (
     compute_gravity_torques,
@@ -51,13 +51,13 @@ from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import contact_points, jacobian_world, toe_world
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.simulation.conditions import Conditions, regulated
+from climbplan.simulation.conditions import Conditions, select_regulator
 from climbplan.simulation.motors import (
-    believed_stiffness,
-    joint_damping,
-    motor_stiffness,
-    plays,
-    rotor_inertia,
+    compute_assumed_stiffness,
+    compute_backlash,
+    compute_joint_damping,
+    compute_motor_stiffness,
+    compute_rotor_inertia,
 )
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Tube
@@ -97,11 +97,11 @@ def prepare_steps(plan: ClimbPlan, conditions: Conditions) -> PreparedMotion:
         plan, conditions.speed, DELAYED_SPAN if conditions.delay > 0 else MAX_SPAN
     )
     instant = sample_instants(plan)
-    angles = true_angles(plan, instant)
+    angles = compute_true_angles(plan, instant)
     gravity_torque = -compute_gravity_torques(plan, conditions)
     feedforward = np.zeros_like(trajectory.joint_command)
     if conditions.limb_weights:
-        feedforward = -gravity_torque / believed_stiffness(robot, conditions)
+        feedforward = -gravity_torque / compute_assumed_stiffness(robot, conditions)
     command = trajectory.joint_command + feedforward
     external_wrench = plan.instants.external_wrench[np.maximum(instant, 0)] + compute_links_wrench(
         plan, conditions
@@ -194,7 +194,7 @@ def build_robot(
     mass = robot.mass * world.mass + conditions.payload
     half_size = np.abs(robot.body_hull).max(axis=0)
     unit = robot.joint_unit
-    stiffness = motor_stiffness(robot, conditions) * unit**2
+    stiffness = compute_motor_stiffness(robot, conditions) * unit**2
     start = place_robot(plan, terrain)
     toes = start.toes
     if robot.foot is not None:
@@ -213,15 +213,15 @@ def build_robot(
         gravity=float(robot.gravity),
         mass_offset=world.com.copy(),
         stiffness=np.ascontiguousarray(stiffness),
-        damping=np.ascontiguousarray(joint_damping(robot, conditions) * unit**2),
-        armature=np.ascontiguousarray(rotor_inertia(robot, conditions) * unit**2),
-        backlash=plays(robot, conditions) / unit,
+        damping=np.ascontiguousarray(compute_joint_damping(robot, conditions) * unit**2),
+        armature=np.ascontiguousarray(compute_rotor_inertia(robot, conditions) * unit**2),
+        backlash=compute_backlash(robot, conditions) / unit,
         max_torque=np.ascontiguousarray(robot.max_torque * unit),
         foothold_error=np.ascontiguousarray(world.placement),
         friction_losses=np.array(friction_losses, float).reshape(-1, 3),
         initial_toes=np.ascontiguousarray(toes),
         initial_angles=np.ascontiguousarray(start.angles / unit),
-        regulator=_REGULATORS[regulated(conditions, plan.robot)],
+        regulator=_REGULATORS[select_regulator(conditions, plan.robot)],
         delay=conditions.delay,
         sensor_noise=_draw_sensor_noise(robot.limb_count, robot.joint_count, conditions),
     )

@@ -6,7 +6,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.plan.played import sample_instants, true_angles
+from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.simulation.worlds.nominal_world import number_footholds
 from climbplan.robots.kinematics import held_rows, jacobian_world
 from climbplan.simulation.world import World
@@ -27,7 +27,7 @@ def compute_foothold_commands(plan: ClimbPlan, world: World) -> Array:
     toe_error = (1 - phase) * world.placement[limb, footholds.index] + phase * world.placement[
         limb, following
     ]
-    angles = true_angles(plan, sample_instants(plan))
+    angles = compute_true_angles(plan, sample_instants(plan))
     jacobian = jacobian_world(plan.robot, trajectory.rpy, angles)
     normal = np.broadcast_to([0.0, 0.0, 1.0], toe_error.shape)  # has no effect on centers of soles
     constraint_rows = held_rows(

@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.worlds.uncertainty import Distribution, Uncertainty
 from climbplan.errors import ClimbplanError
-from climbplan.schema.robots.stored import NotKept, stored_robot
+from climbplan.schema.robots.stored import NotKept, build_stored_robot
 from climbplan.schema.robots.uncertainty import RobotUncertaintySpec, SpreadSpec, UncertaintySpec
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 from climbplan.schema.yaml_source import parse_yaml
@@ -35,7 +35,7 @@ def read_uncertainty(plan: ClimbPlan) -> Uncertainty:
     spec = UncertaintySpec.model_validate(value.get("uncertainty") or {})
     robot = RobotUncertaintySpec()
     try:
-        stored = stored_robot(document, plan.robot_texts).robot
+        stored = build_stored_robot(document, plan.robot_texts).robot
         robot = stored.spec.uncertainty if isinstance(stored, UrdfRobot) else stored.uncertainty
     except (NotKept, ClimbplanError):
         pass  # the plan does not contain its robot's file

@@ -11,7 +11,7 @@ from climbplan.errors import SpecError
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.robots.urdf.shapes import Shape, read_collision_shapes
 from climbplan.schema.document import Document
-from climbplan.schema.robots.source import robot_of
+from climbplan.schema.robots.source import build_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
 
@@ -58,7 +58,7 @@ class Draft:
         if not meshes:
             section |= {"limb_radius": 0.02, "body_half_size": [0.1, 0.1, 0.1]}
         document = Document(self.urdf.name, "", section)
-        robot = robot_of(document, Path())
+        robot = build_robot(document, Path())
         if not isinstance(robot, UrdfRobot):
             raise TypeError(f"no robot from a URDF: {json.dumps(section)[:80]}")
         return robot

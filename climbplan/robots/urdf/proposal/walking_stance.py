@@ -26,7 +26,7 @@ from climbplan.robots.urdf.proposal.prepared_robot import PreparedRobot, Proposa
 from climbplan.robots.urdf.proposal.weight_shift_stance import search_ground_postures
 from climbplan.robots.urdf.toe_boxes import compute_weight_fractions, grow_toe_boxes
 from climbplan.robots.urdf.walking_body import TO_WALKING
-from climbplan.schema.robots.leg_pairs import in_pairs
+from climbplan.schema.robots.leg_pairs import order_in_pairs
 
 _EXTENT_WEIGHTS = np.array([1.0, 0.5, 0.4])  # extents of equal value: longitudinal, lateral, up
 _DIAGONAL_OFFSET_COST = 0.25  # metres of box per metre of the centre of mass off the diagonals
@@ -166,7 +166,7 @@ def _build_walking_stance(robot: PreparedRobot, posture: Posture) -> _WalkingSta
     """Return the posture as a walking stance; None where toes are no pairs about its centre."""
     legs, center = robot.legs, robot.compute_center(posture.angles)
     toes = (posture.toes - center) @ TO_WALKING.T
-    order = in_pairs(toes.tolist())
+    order = order_in_pairs(toes.tolist())
     if order is None:
         return None
     toes = toes[order]

@@ -18,10 +18,10 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.schema.robots.mjcf.compiled import Mjcf, compile_mjcf
 from climbplan.schema.robots.mjcf.places import (
-    write_line_attribute,
-    write_origin,
     convert_quaternion,
     format_numbers,
+    write_line_attribute,
+    write_origin,
 )
 from climbplan.schema.robots.mjcf.shapes import Shapes
 from climbplan.schema.robots.xml import Element, UrdfFault

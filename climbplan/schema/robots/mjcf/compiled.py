@@ -29,7 +29,7 @@ class Mjcf:
     lines: dict[tuple[str, str], int]  # of elements, by tag and name
 
     def line(self, tag: str, name: str) -> int:
-        """Return where an element is written, the first line for what has no name or is included."""
+        """Return the line of an element, the first line for one without a name or included."""
         return self.lines.get((tag, name), 1)
 
 

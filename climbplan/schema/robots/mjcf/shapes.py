@@ -15,10 +15,10 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.schema.robots.mjcf.compiled import Mjcf
 from climbplan.schema.robots.mjcf.places import (
-    write_line_attribute,
-    write_origin,
     convert_quaternion,
     format_numbers,
+    write_line_attribute,
+    write_origin,
 )
 from climbplan.schema.robots.xml import UrdfFault
 

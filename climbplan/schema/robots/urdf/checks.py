@@ -12,7 +12,7 @@ import numpy as np
 from climbplan.schema.document import Finding
 from climbplan.schema.fields import find_closest_name
 from climbplan.schema.robots.ranges import ANGLE, PLACE, SPEED, TORQUE
-from climbplan.schema.robots.urdf.mimics import resolve_mimic, check_mimics
+from climbplan.schema.robots.urdf.mimics import check_mimics, resolve_mimic
 from climbplan.schema.robots.urdf.model import UrdfLegSpec, UrdfRobotSpec
 from climbplan.schema.robots.urdf.tree import UrdfJoint, UrdfTree
 
@@ -34,7 +34,7 @@ def check_tree(tree: UrdfTree) -> list[Finding]:
         carriers.setdefault(joint.child, []).append(joint)
     for link, joints in carriers.items():
         if len(joints) > 1:
-            names = " and ".join(f"{j.name!r} ({tree.at(j.line)})" for j in joints)
+            names = " and ".join(f"{j.name!r} ({tree.format_location(j.line)})" for j in joints)
             findings.append(
                 Finding(
                     ("urdf",),
@@ -49,7 +49,9 @@ def check_tree(tree: UrdfTree) -> list[Finding]:
             link_name, steps = carried[link_name].parent, steps + 1
         if link_name in carried:
             loop = f"closed chain: link {name!r} is carried by itself"
-            findings.append(Finding(("urdf",), f"{loop} ({tree.at(tree.links[name].line)})"))
+            findings.append(
+                Finding(("urdf",), f"{loop} ({tree.format_location(tree.links[name].line)})")
+            )
             break
     if len(tree.roots) > 1:
         findings.append(
@@ -57,7 +59,8 @@ def check_tree(tree: UrdfTree) -> list[Finding]:
         )
     findings += [
         Finding(
-            ("urdf",), f"link {link.name!r} has the mass {link.mass:g} kg ({tree.at(link.line)})"
+            ("urdf",),
+            f"link {link.name!r} has the mass {link.mass:g} kg ({tree.format_location(link.line)})",
         )
         for link in tree.links.values()
         if link.mass < 0
@@ -89,7 +92,7 @@ def check_section(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> list[Findin
 
 
 def _check_locked(spec: UrdfRobotSpec, tree: UrdfTree) -> Iterator[Finding]:
-    """Yield joints that are locked: there, of the kind that their key is for, within their bounds."""
+    """Yield mistakes at locked joints: missing, of another kind, or beyond their bounds."""
     for key, positions, kind, other_key in (
         ("locked", spec.locked, "turns", "locked_m"),
         ("locked_m", spec.locked_m, "slides", "locked"),
@@ -101,7 +104,8 @@ def _check_locked(spec: UrdfRobotSpec, tree: UrdfTree) -> Iterator[Finding]:
                 yield _report_unknown(path, "joint", name, tree.joints)
             elif not (joint.turns if kind == "turns" else joint.slides):
                 cure = f"; `{other_key}: {{{name}: NUMBER}}` holds it" if joint.moves else ""
-                message = f"a {joint.kind} joint, {tree.at(joint.line)}; expected one that {kind}"
+                location = tree.format_location(joint.line)
+                message = f"a {joint.kind} joint, {location}; expected one that {kind}"
                 yield Finding(path, message + cure)
             elif not _is_within_bounds(joint, value):
                 yield Finding(path, _describe_out_of_bounds(joint, value))
@@ -129,7 +133,7 @@ def check_legs(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> Iterator[Findi
         chains[name] = chain
         moving = select_moving_joints(chain, spec, tree)
         for joint in moving:
-            where = f"joint {joint.name!r} ({tree.at(joint.line)})"
+            where = f"joint {joint.name!r} ({tree.format_location(joint.line)})"
             for message in check_joint(joint, spec):
                 yield Finding((*leg_path, "toe"), f"{where}: {message}")
             owner = owners.setdefault(joint.name, name)
@@ -154,8 +158,8 @@ def check_legs(spec: UrdfRobotSpec, tree: UrdfTree, base: str) -> Iterator[Findi
         elif spec.flat_feet and len(driven_joints) < JOINTS_OF_FLAT_FEET:
             message = (
                 f"a leg with a flat foot has at least {JOINTS_OF_FLAT_FEET} joints, got "
-                f"{', '.join(joint.name for joint in driven_joints)}; `foot: {{radius: NUMBER}}` or no "
-                "`foot` is for legs without an ankle"
+                f"{', '.join(joint.name for joint in driven_joints)}; `foot: {{radius: NUMBER}}` "
+                "or no `foot` is for legs without an ankle"
             )
             yield Finding((*leg_path, "toe"), message)
         if spec.gripper is not None and len(moving) > JOINTS_BELOW_WRIST:
@@ -177,7 +181,7 @@ def select_moving_joints(
 
     Those that follow another joint are among them where that one is.
     """
-    locked = spec.held
+    locked = spec.locked_positions
     unlocked = [joint for joint in chain if joint.kind != "fixed" and joint.name not in locked]
     names = {joint.name for joint in unlocked}
 
@@ -251,8 +255,8 @@ def _check_followers(
             if joint.lower < joint.upper and not low < high:
                 yield Finding(
                     ("legs", name, "toe"),
-                    f"joint {joint.name!r} ({tree.at(joint.line)}): no place within its bounds "
-                    "keeps the joints that mimic it within theirs",
+                    f"joint {joint.name!r} ({tree.format_location(joint.line)}): no place within its "
+                    "bounds keeps the joints that mimic it within theirs",
                 )
         elif joint.name in spec.joints:
             message = f"mimics {joint.mimic.joint!r}: it has no limits and no stiffness of its own"
@@ -266,14 +270,14 @@ def _check_foreign_leaders(
     for name, chain in chains.items():
         for joint in chain:
             coupling = resolve_mimic(tree, joint)
-            if coupling is None or joint.name in spec.held or coupling.ratio == 0.0:
+            if coupling is None or joint.name in spec.locked_positions or coupling.ratio == 0.0:
                 continue
             owner = owners.get(coupling.leader, name)
             if owner != name:
                 yield Finding(
                     ("legs", name, "toe"),
-                    f"joint {joint.name!r} ({tree.at(joint.line)}): mimics {coupling.leader!r}, a joint "
-                    f"of {owner}; expected joints of one leg, or it held by `locked`",
+                    f"joint {joint.name!r} ({tree.format_location(joint.line)}): mimics "
+                    f"{coupling.leader!r}, a joint of {owner}; expected joints of one leg, or it held by `locked`",
                 )
 
 
@@ -307,7 +311,7 @@ def _check_posture(name: str, leg: UrdfLegSpec, moving: list[UrdfJoint]) -> Iter
 
 
 def _is_within_bounds(joint: UrdfJoint, value: float) -> bool:
-    """Return whether an angle [deg], or a place [m] of a joint that slides, is within its bounds."""
+    """Return whether an angle [deg], or a place [m] of a sliding joint, is within its bounds."""
     place = value if joint.slides else np.deg2rad(value)
     return bool(joint.lower - 1e-9 <= place <= joint.upper + 1e-9)
 

@@ -46,7 +46,8 @@ def check_mimics(tree: UrdfTree) -> list[Finding]:
     for joint in tree.joints.values():
         if joint.mimic is None:
             continue
-        where = f"joint {joint.name!r} ({tree.at(joint.line)}) mimics {joint.mimic.joint!r}"
+        location = tree.format_location(joint.line)
+        where = f"joint {joint.name!r} ({location}) mimics {joint.mimic.joint!r}"
         leader = tree.joints.get(joint.mimic.joint)
         if leader is None:
             message = f"{where}, which is no joint of the URDF"

@@ -247,7 +247,8 @@ class UrdfRobotSpec(SpecModel):
                 ("up", "forward") if "up" in self.model_fields_set else ("forward", "up")
             )
             axes = {"up": self.up, "forward": self.forward}
-            message = f"expected an axis square to `{other_key}: {axes[other_key]}`, got {axes[wrong_key]!r}"
+            other_axis = f"`{other_key}: {axes[other_key]}`"
+            message = f"expected an axis square to {other_axis}, got {axes[wrong_key]!r}"
             faults.append(Fault(wrong_key, message))
         if self.body_half_size is not None and min(self.body_half_size) <= 0:
             size = list(self.body_half_size)
@@ -270,7 +271,7 @@ class UrdfRobotSpec(SpecModel):
         return 0.0 if self.foot is None else self.foot.radius or 0.0
 
     @property
-    def held(self) -> dict[str, float]:
+    def locked_positions(self) -> dict[str, float]:
         """Joint name -> angle [rad] or place [m] at which it is held."""
         angles = {name: float(np.deg2rad(degrees)) for name, degrees in self.locked.items()}
         return angles | {name: float(place) for name, place in self.locked_m.items()}

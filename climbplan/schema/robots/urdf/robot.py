@@ -62,11 +62,11 @@ class UrdfRobot:
         """`robot`, as of every robot."""
         return self.spec.kind
 
-    def refused(self, findings: list[Finding]) -> SpecError:
+    def build_error(self, findings: list[Finding]) -> SpecError:
         """Return mistakes found later, at the lines of the section."""
-        return SpecError(self.document.source, self.document.mistakes(self._here(findings)))
+        return SpecError(self.document.source, self.document.mistakes(self._prefix(findings)))
 
-    def _here(self, findings: list[Finding]) -> list[Finding]:
+    def _prefix(self, findings: list[Finding]) -> list[Finding]:
         return prefix_findings(self.path, findings)
 
 
@@ -76,7 +76,7 @@ def prefix_findings(path: KeyPath, findings: list[Finding]) -> list[Finding]:
 
 
 def requires_shapes(spec: UrdfRobotSpec, joints: dict[str, tuple[UrdfJoint, ...]]) -> bool:
-    """Return whether legs or body are as thick as collision geometry says, with the joints of legs."""
+    """Return whether the thickness of legs or body comes from collision geometry."""
     moved_joints = [joint.name for leg_joints in joints.values() for joint in leg_joints]
     stated = bool(moved_joints) and all(name in spec.limb_radii for name in moved_joints)
     thick = spec.limb_radius is not None or stated

@@ -7,9 +7,9 @@ from pathlib import Path
 from climbplan.schema.document import Document, Finding, KeyPath
 from climbplan.schema.robots.urdf.checks import (
     check_legs,
-    select_moving_joints,
     check_section,
     check_tree,
+    select_moving_joints,
 )
 from climbplan.schema.robots.urdf.meshes import find_mesh
 from climbplan.schema.robots.urdf.model import UrdfRobotSpec
@@ -63,7 +63,9 @@ def build_robot_from_tree(
         except UrdfFault as fault:
             key = "packages" if fault.message.startswith("package") else "urdf"
             cure = "or `limb_radius` and `body_half_size`, with which no mesh is read"
-            findings.append(Finding((key,), f"{tree.at(number)}: {fault.message}, {cure}"))
+            findings.append(
+                Finding((key,), f"{tree.format_location(number)}: {fault.message}, {cure}")
+            )
     if findings:
         return None, prefix_findings(path, list(dict.fromkeys(findings)))
     return UrdfRobot(spec, tree, base, joints, meshes, document, path, directory), []

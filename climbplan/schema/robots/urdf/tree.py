@@ -20,8 +20,8 @@ from climbplan.schema.robots.xml import (
     Element,
     UrdfFault,
     UrdfFaults,
-    read_number_attribute,
     parse_xml,
+    read_number_attribute,
     read_text_attribute,
     read_vector_attribute,
 )
@@ -191,7 +191,7 @@ class UrdfTree:
                 mass[name] += link.mass
         return mass
 
-    def at(self, line: int) -> str:
+    def format_location(self, line: int) -> str:
         """Return where something is written: `robot.urdf line 12`."""
         return f"{self.path.name} line {line}"
 

@@ -57,7 +57,7 @@ KINDS = {
         _CLIMB, "envelopes:EnvelopesSpec", "envelopes_loading:build_envelopes"
     ),
     "program": _build_kind("schema.program", "model:ProgramSpec", "loading:build_program"),
-    "dataset": _build_kind("datasets.schema", "model:DatasetSpec", "loading:dataset_of"),
+    "dataset": _build_kind("datasets.schema", "model:DatasetSpec", "loading:build_dataset_spec"),
     "strategy": _build_kind(
         "schema.learning", "strategy:StrategySpec", "strategy_loading:build_strategy"
     ),

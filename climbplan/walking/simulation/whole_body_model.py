@@ -193,7 +193,8 @@ class _BodyTree:
         return (
             f'<body name="body"><freejoint name="free"/>{inertial}'
             f'<geom name="body" type="box" pos="{format_numbers(self.centre)}"'
-            f' size="{format_numbers(half)}" mass="0" material="body" contype="{BODY_CONTACT}" conaffinity="0"/>'
+            f' size="{format_numbers(half)}" mass="0" material="body"'
+            f' contype="{BODY_CONTACT}" conaffinity="0"/>'
             f"{payload}{children}</body>"
         )
 
@@ -256,7 +257,8 @@ class _BodyTree:
         point = np.array(place.translation) + np.array(place.rotation) @ np.array(spec.toe_offset)
         return (
             f'{self._build_visual(point)}<geom name="toe{leg}" type="sphere"'
-            f' pos="{format_numbers(point)}" size="{foot_sphere_radius(self.urdf_model.robot)}" mass="0" material="toe"'
+            f' pos="{format_numbers(point)}"'
+            f' size="{foot_sphere_radius(self.urdf_model.robot)}" mass="0" material="toe"'
             f' friction="0 0 0" contype="{TOE_CONTACT}" conaffinity="0"/>'
             f'<site name="toe{leg}" pos="{format_numbers(point)}"/>'
         )

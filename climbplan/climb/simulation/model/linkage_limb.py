@@ -56,8 +56,10 @@ def build_linkage_limb(
         )
 
     return [
-        f'<body name="{yaw}" pos="{format_numbers(robot.shoulder_body[limb])}" '
-        f'quat="{orientation}">',
+        (
+            f'<body name="{yaw}" pos="{format_numbers(robot.shoulder_body[limb])}" '
+            f'quat="{orientation}">'
+        ),
         joints_xml[0].format(name=yaw, axis="0 0 1"),
         link(yaw, hip, mass),
         f'<body name="{second}" pos="{bar.offset:.9g} 0 {bar.axis_a:.9g}">',

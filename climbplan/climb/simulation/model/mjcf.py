@@ -269,8 +269,10 @@ def _build_limb(
     # A tibia narrows to its toe, as where the planner keeps it clear of what it stands on: what is
     # left of it there is seen but touches nothing.
     return [
-        f'<body name="coxa{limb}" pos="{format_numbers(robot.shoulder_body[limb])}" '
-        f'quat="{orientation}">',
+        (
+            f'<body name="coxa{limb}" pos="{format_numbers(robot.shoulder_body[limb])}" '
+            f'quat="{orientation}">'
+        ),
         joint("coxa", "0 0 1"),
         link("coxa", l1 * forward),
         f'<body name="femur{limb}" pos="{format_numbers(l1 * forward)}">',

@@ -255,8 +255,8 @@ def _check_followers(
             if joint.lower < joint.upper and not low < high:
                 yield Finding(
                     ("legs", name, "toe"),
-                    f"joint {joint.name!r} ({tree.format_location(joint.line)}): no place within its "
-                    "bounds keeps the joints that mimic it within theirs",
+                    f"joint {joint.name!r} ({tree.format_location(joint.line)}): no place within "
+                    "its bounds keeps the joints that mimic it within theirs",
                 )
         elif joint.name in spec.joints:
             message = f"mimics {joint.mimic.joint!r}: it has no limits and no stiffness of its own"
@@ -277,7 +277,8 @@ def _check_foreign_leaders(
                 yield Finding(
                     ("legs", name, "toe"),
                     f"joint {joint.name!r} ({tree.format_location(joint.line)}): mimics "
-                    f"{coupling.leader!r}, a joint of {owner}; expected joints of one leg, or it held by `locked`",
+                    f"{coupling.leader!r}, a joint of {owner}; expected joints of one leg, "
+                    "or it held by `locked`",
                 )
 
 

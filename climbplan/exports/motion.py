@@ -142,7 +142,7 @@ def describe_gains(gain: Array, feedforward: bool = False, slides: tuple[bool, .
 
 
 def describe_rigid_gains(gain: Array, slides: tuple[bool, ...] = ()) -> str:
-    """Return what a user of `--gains rigid` has to know; gain: (J,) as `gain_words`."""
+    """Return what a user of `--gains rigid` has to know; gain: (J,) as `describe_gains`."""
     return (
         "commands and angles hold for simulators whose links do not bend, with P gains of "
         f"{_format_ranges(gain, slides)}; the robot itself needs a file without --gains rigid"

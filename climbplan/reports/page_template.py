@@ -68,7 +68,7 @@ def build_frame_fields(
 
     kicker: words above the title. good: colour of the first badge and of the verdict; colour: of
     the badge alone. images: PNG files by name. scripts: run as they are; data: what they
-    read, as `data_element` gives it.
+    read, as `build_data_element` gives it.
     """
     verdict_colour = "good" if good else "bad"
     return {

@@ -19,7 +19,7 @@ def write_inertial(mass: float, lever: Array, about: Array, name: str) -> str:
     """Return mass and inertia (3, 3) about the centre at lever (3,), both in the axes of the named
     body.
 
-    An inertia that no body can have is repaired, see `physical_inertia`.
+    An inertia that no body can have is repaired, see `repair_inertia`.
     """
     if mass <= 0:
         return '<inertial pos="0 0 0" mass="1e-9" diaginertia="1e-12 1e-12 1e-12"/>'

@@ -44,7 +44,7 @@ class DatasetFrame:
     facts: Mapping[str, Any]  # plain values that the kind needs to understand and check its rows
     parameter_names: tuple[str, ...]  # (p,)
     integer_names: tuple[str, ...]  # (q,)
-    layouts: Mapping[str, Layout]  # of the solution's arrays: `solution_layout`
+    layouts: Mapping[str, Layout]  # of the solution's arrays: `build_solution_layout`
     objective_unit: str = ""
 
 

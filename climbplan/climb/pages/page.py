@@ -75,7 +75,7 @@ def _describe_bound(report: Mapping[str, Any]) -> str:
 def build_page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     """Return the page as text.
 
-    report: as `report_dict` gives it. images: PNG files by name that the page shows as they are.
+    report: as `build_report` gives it. images: PNG files by name that the page shows as they are.
     """
     scripts = (read_plotly_script(), "\n".join(read_part(name) for name in _SCRIPTS))
     origin = build_origin_rows(report, {"Robot": report["robot"]["name"]})

@@ -2,7 +2,7 @@
 
 parameters (n, p)   integers (n, q)     columns: parameter_names (p), integer_names (q)
 feasible, objective, bound, time, seed, row, status, message (n)
-solution/...        arrays (n, ...) as the attribute `build_solution_layout` (JSON) says
+solution/...        arrays (n, ...) as the attribute `solution_layout` (JSON) says
 split/train, test   (n) masks, where `data split` made them
 """
 

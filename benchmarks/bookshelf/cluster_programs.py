@@ -16,9 +16,9 @@ import numpy as np
 
 from benchmarks.bookshelf.strategy_cases import Case
 from climbplan.arrays import Array
-from climbplan.bookshelf.methods.by_table import model_features, published_grid
-from climbplan.bookshelf.methods.features import feature_map
-from climbplan.bookshelf.statement.points import theta_of
+from climbplan.bookshelf.methods.features import build_feature_map
+from climbplan.bookshelf.methods.table_method import build_published_grid, select_model_features
+from climbplan.bookshelf.statement.points import build_theta
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.envelope_rounds import MICP_SOLVERS
@@ -68,14 +68,17 @@ def cluster_programs(
     chosen = np.arange(count)
     if clusters < count:
         chosen = np.sort(np.random.default_rng(seed).choice(count, clusters, replace=False))
-    features = feature_map(model_features(model), case.method.shelf)
-    grid = published_grid(case.judge)
+    features = build_feature_map(select_model_features(model), case.method.shelf)
+    grid = build_published_grid(case.evaluator)
     programs = [
         ReducedPrograms(ranking, grid.partitions, grid.squares, solver) for solver in SOLVERS
     ]
-    instances = [case.judge.program.instantiate(theta_of(scene)) for scene in case.scenes]
+    instances = [case.evaluator.program.instantiate(build_theta(scene)) for scene in case.scenes]
     likely = np.array(
-        [ranking.scorer.probabilities(features(theta_of(scene)))[chosen] for scene in case.scenes]
+        [
+            ranking.scorer.probabilities(features(build_theta(scene)))[chosen]
+            for scene in case.scenes
+        ]
     )  # (scenes, chosen)
     trials: list[ProgramTrial] = []
     for at, cluster in enumerate(chosen):
@@ -113,7 +116,7 @@ def _whole(
     case: Case, scene: int, instance: Instance, programs: ReducedPrograms, seconds: float
 ) -> ProgramTrial:
     begin = time.perf_counter()
-    enveloped = published_grid(case.judge).apply(instance)
+    enveloped = build_published_grid(case.evaluator).apply(instance)
     flat = BigM().apply(enveloped.instance)
     solve = require(MICP_SOLVERS[programs.solver]).load()
     found = solve(flat.instance, gap=programs.gap, time_limit=seconds)
@@ -142,8 +145,8 @@ def _made_exact(case: Case, scene: int, instance: Instance, candidate: Candidate
         return math.inf
 
     def check(instance: Instance, x: Array) -> CheckedPoint:
-        judged = case.judge.judge(case.scenes[scene], x)
-        return CheckedPoint(judged.placement is not None, judged.objective, x, judged.word)
+        judged = case.evaluator.evaluate_point(case.scenes[scene], x)
+        return CheckedPoint(judged.placement is not None, judged.objective, x, judged.message)
 
     return run_pipeline(instance, [candidate], PipelineOptions(local="sqp"), check).objective
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.plan.file import write_shelf_plan
-from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, Solutions, totals_of
-from climbplan.bookshelf.scene.generator import generate_scene, shelf_for
+from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, Solutions, compute_totals
+from climbplan.bookshelf.scene.generator import build_drop_shelf, generate_scene
 from climbplan.bookshelf.scene.scene_file import read_scenes
 from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 from climbplan.errors import MissingSolver, UsageError
@@ -66,7 +66,7 @@ def bench_inputs(source: str | None, count: int, seed: int, report: Progress) ->
     else:
         scenes = _generated(seed, 0, count, STORED_BOOKS, "scenes", report)
         origin = f"{count} generated scenes, seed {seed}"
-    return Inputs(scenes, shelf_for(scenes.count), origin)
+    return Inputs(scenes, build_drop_shelf(scenes.count), origin)
 
 
 def write_library(inputs: Inputs, size: int, seed: int, path: Path, report: Progress) -> None:
@@ -85,7 +85,7 @@ def write_library(inputs: Inputs, size: int, seed: int, path: Path, report: Prog
         method="exact",
         scenes=scenes,
         solutions=solutions,
-        totals=totals_of(solutions),
+        totals=compute_totals(solutions),
         spec_text="",
         spec_sha256="",
         seed=seed,

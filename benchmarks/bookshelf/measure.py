@@ -13,10 +13,10 @@ from benchmarks.bookshelf.contenders import Contender
 from climbplan.arrays import Array
 from climbplan.bookshelf.check.meanings import check_placements
 from climbplan.bookshelf.methods.setting import MethodSetting
-from climbplan.bookshelf.methods.table import prepare
+from climbplan.bookshelf.methods.table import prepare_method
 from climbplan.bookshelf.plan.answer import SceneAnswer
 from climbplan.bookshelf.plan.summary import TRIVIAL
-from climbplan.bookshelf.planner.runs import checked, compile_first
+from climbplan.bookshelf.planner.runs import check_answers, compile_solver
 from climbplan.bookshelf.scene.shelf_scene import Scenes
 from climbplan.bookshelf.schema.model import Meaning
 
@@ -102,11 +102,11 @@ def run_contender(
     """Solve the scenes `rows` in order, one thread.
 
     A fast method solves the first one once before, so that what is loaded or compiled then is not
-    on its clock. Raises as `prepare`.
+    on its clock. Raises as `prepare_method`.
     """
     begin = time.perf_counter()
-    compile_first(setting)
-    method = prepare(setting, scenes.count)
+    compile_solver(setting)
+    method = prepare_method(setting, scenes.count)
     prepared = time.perf_counter() - begin
     if contender.effort != "few":
         method.solve(scenes[rows[0]])
@@ -115,7 +115,7 @@ def run_contender(
     chosen = Scenes(scenes.pose[index], scenes.size[index], scenes.inserted[index])
     claims = [math.inf if a.status == "infeasible" else a.bound for a in raw]
     limit = setting.solver.time_limit if contender.effort == "few" else None
-    answers = checked(chosen, raw, setting)
+    answers = check_answers(chosen, raw, setting)
     return Run(
         contender, setting.meaning, list(rows), answers, np.array(claims, float), prepared, limit
     )

@@ -23,17 +23,17 @@ from benchmarks.bookshelf.inputs import FileGroup
 from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.check.checker import LENGTH_LIMIT, check_contact
 from climbplan.bookshelf.check.checks import PlacementCheck
-from climbplan.bookshelf.check.published import check_published, published_states
+from climbplan.bookshelf.check.published import check_published, infer_published_states
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.plan.answer import Placement, SceneAnswer
-from climbplan.bookshelf.plan.shelf_plan import worst_overlap
-from climbplan.bookshelf.scene.generator import shelf_for
+from climbplan.bookshelf.plan.shelf_plan import measure_worst_overlap
+from climbplan.bookshelf.scene.generator import build_drop_shelf
 from climbplan.bookshelf.scene.scene_file import read_scenes
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, movement_cost
-from climbplan.bookshelf.statement.points import settled
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, compute_movement_cost
+from climbplan.bookshelf.statement.points import snap_to_states
 from climbplan.errors import UsageError
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
+from climbplan.store.hdf5_reading import Reader, open_store
 
 Allowance = Literal["none", "overlap", "lengths"]
 ALLOWANCES: tuple[Allowance, ...] = ("none", "overlap", "lengths")
@@ -118,7 +118,7 @@ def read_published(source: str) -> list[PublishedSet]:
         UsageError: no such group, or scenes of another number of books.
     """
     place = FileGroup.of(source)
-    with opened_store(place.path) as file:
+    with open_store(place.path) as file:
         names = [name for name in sorted(file) if isinstance(file[name], h5py.Group)]
         names = [name for name in names if "theta" in file[name] and "X" in file[name]]
         if place.group:
@@ -144,17 +144,17 @@ def compare_published(
 ) -> PublishedReport:
     """Check and compare all placements of a file; raises as `read_published`."""
     sets = read_published(source)
-    shelf, total, done = shelf_for(_BOOKS), sum(len(s.scenes) for s in sets), 0
+    shelf, total, done = build_drop_shelf(_BOOKS), sum(len(s.scenes) for s in sets), 0
     checks: dict[str, list[PlacementCheck]] = {"published": [], "contact": []}
     rows: list[Comparison] = []
     comparable = cheaper = 0
     for given in sets:
-        state = published_states(given.scenes, given.pose, shelf)
+        state = infer_published_states(given.scenes, given.pose, shelf)
         checks["published"].append(check_published(given.scenes, given.pose, state, shelf))
         contact = check_contact(given.scenes, given.pose, state, shelf)
         checks["contact"].append(contact)
-        cost = movement_cost(given.scenes, given.pose)
-        overlap = worst_overlap(given.scenes, given.pose)
+        cost = compute_movement_cost(given.scenes, given.pose)
+        overlap = measure_worst_overlap(given.scenes, given.pose)
         for k, scene in enumerate(given.scenes):
             for allowance in ALLOWANCES:
                 ours = solve_allowing(scene, shelf, allowance, contact, k, overlap[k], limits)
@@ -203,19 +203,22 @@ def solve_allowing(
     for item in judged.items:
         if not item.residual[0] <= allowed.get(item.name, item.limit):
             word = f"the answer breaks {item.name}: {item.residual[0]:.3g} {item.unit}"
-            return replace(answer, status="limit", placement=None, objective=math.inf, word=word)
+            return replace(answer, status="limit", placement=None, objective=math.inf, message=word)
     return answer
 
 
 def _brought(given: PublishedSet, state: IntArray, shelf: Shelf, limits: ExactLimits) -> Brought:
     pose = np.stack(
         [
-            settled(scene, Placement(given.pose[k], state[k], 0)).pose
+            snap_to_states(scene, Placement(given.pose[k], state[k], 0)).pose
             for k, scene in enumerate(given.scenes)
         ]
     )
     check = check_contact(given.scenes, pose, state, shelf)
-    cost, overlap = movement_cost(given.scenes, pose), worst_overlap(given.scenes, pose)
+    cost, overlap = (
+        compute_movement_cost(given.scenes, pose),
+        measure_worst_overlap(given.scenes, pose),
+    )
     comparable = cheaper = 0
     for k, scene in enumerate(given.scenes):
         granted = GRANTED["lengths"]

@@ -136,7 +136,7 @@ def as_json(result: BenchResult) -> dict[str, Any]:
                 "claimed_bound_mm2": run.claims.tolist(),
                 "seconds": [answer.seconds for answer in run.answers],
                 "status": [answer.status for answer in run.answers],
-                "word": [answer.word for answer in run.answers],
+                "word": [answer.message for answer in run.answers],
             }
             for run in result.runs
         ],

@@ -29,7 +29,7 @@ from benchmarks.bookshelf.strategy_cases import (
 )
 from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.methods.by_table import model_method, published_grid
+from climbplan.bookshelf.methods.table_method import build_model_method, build_published_grid
 from climbplan.bookshelf.plan.summary import TRIVIAL
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
@@ -204,17 +204,17 @@ def _ranked(
     spent: float,
     options: StrategyOptions,
 ) -> list[Figures]:
-    method = model_method(model, case.method, case.judge)
+    method = build_model_method(model, case.method, case.evaluator)
     if contender == "random":
         chance = _Chance(model.library, np.random.default_rng(options.seed))
         ranked = RankedStrategies(model.library, chance, model.scale)
         method = replace(method, settings=replace(method.settings, strategy=ranked))
     best = {most: np.full(len(case.scenes), np.inf) for most in CANDIDATES}
     taken = {most: np.zeros(len(case.scenes)) for most in CANDIDATES}
-    method.found(case.scenes[0])  # what is prepared once does not count
+    method.find_candidates(case.scenes[0])  # what is prepared once does not count
     for k, scene in enumerate(case.scenes):
         begin = time.perf_counter()
-        fates = method.found(scene).fates
+        fates = method.find_candidates(scene).fates
         whole = time.perf_counter() - begin
         each = np.array([tried.seconds for tried in fates])
         cost = np.array([tried.objective for tried in fates])
@@ -236,8 +236,8 @@ def _reduced(
 ) -> Figures:
     chosen = _halves(case, options.some if case.setting == SAME else max(options.some // 2, 2))
     small = case.part(chosen)
-    method = model_method(model, case.method, case.judge)
-    grid = published_grid(case.judge)
+    method = build_model_method(model, case.method, case.evaluator)
+    grid = build_published_grid(case.evaluator)
     programs = ReducedPrograms(
         model.create_cluster_ranking(),
         grid.partitions,
@@ -245,12 +245,12 @@ def _reduced(
         seconds=method.settings.time_limit,
         report=report,
     )
-    method.kept.compute_once(REDUCED, lambda: programs)
+    method.cache.compute_once(REDUCED, lambda: programs)
     cost, taken = np.full(len(chosen), np.inf), np.zeros(len(chosen))
     by_program = 0
     for k, scene in enumerate(small.scenes):
         begin = time.perf_counter()
-        fates = method.found(scene).fates
+        fates = method.find_candidates(scene).fates
         taken[k] = time.perf_counter() - begin
         winner = min(fates, key=lambda tried: tried.objective, default=None)
         if winner is None or not winner.passed:
@@ -287,7 +287,7 @@ def _figures(
     for k in np.flatnonzero(~placed):
         placement = solver.solve(case.scenes[int(k)]).placement
         if placement is not None:
-            judged = case.judge.judge_placement(case.scenes[int(k)], placement)
+            judged = case.evaluator.evaluate_placement(case.scenes[int(k)], placement)
             rescued += judged.placement is not None
     hard = case.optimum > TRIVIAL
     both = hard & placed

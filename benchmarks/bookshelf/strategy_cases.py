@@ -11,24 +11,24 @@ import numpy as np
 from benchmarks.bookshelf.inputs import FileGroup
 from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.methods.features import feature_map, feature_scale
-from climbplan.bookshelf.methods.judge import Judge
+from climbplan.bookshelf.methods.features import build_feature_map, compute_feature_scale
 from climbplan.bookshelf.methods.library import (
     Priced,
     SceneLibrary,
-    library_of,
-    mirror_middle,
-    placed_scenes,
-    solved_scenes,
+    build_library,
+    collect_placed_scenes,
+    find_mirror_axis,
+    read_solved_scenes,
 )
-from climbplan.bookshelf.methods.mirror import Solved
+from climbplan.bookshelf.methods.mirror import SolvedScene
+from climbplan.bookshelf.methods.placement_evaluator import PlacementEvaluator
 from climbplan.bookshelf.methods.setting import MethodSetting
-from climbplan.bookshelf.methods.shelf_context import context_of
-from climbplan.bookshelf.scene.generator import DropRules, generate_scene, shelf_for
+from climbplan.bookshelf.methods.shelf_context import build_context
+from climbplan.bookshelf.scene.generator import DropRules, build_drop_shelf, generate_scene
 from climbplan.bookshelf.scene.scene_file import read_scenes
 from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf
 from climbplan.bookshelf.schema.model import ShelfSolverSpec
-from climbplan.bookshelf.statement.points import theta_of
+from climbplan.bookshelf.statement.points import build_theta
 from climbplan.errors import UsageError
 from climbplan.learning.clusters import ClusterOptions, select_solution_columns
 from climbplan.learning.model import FitOptions, ModelKind, StrategyModel, fit_strategy
@@ -67,7 +67,7 @@ class Case:
     setting: str  # of KINDS
     scenes: Sequence[Scene]
     optimum: Array  # (S,) [mm^2]
-    judge: Judge
+    evaluator: PlacementEvaluator
     method: MethodSetting
     exact_ms: Array  # (S,)
 
@@ -77,7 +77,7 @@ class Case:
             self.setting,
             [self.scenes[int(k)] for k in rows],
             self.optimum[rows],
-            self.judge,
+            self.evaluator,
             self.method,
             self.exact_ms[rows],
         )
@@ -98,9 +98,9 @@ class TrainingScenes:
         library = self.rows.library.subset(np.flatnonzero(self.rows.scene < size))
         least = max(2, min(10, library.size // 40))
         options = FitOptions(kind=kind, seed=seed, clusters=ClusterOptions(least=least))
-        context = context_of(self.shelf, "contact", STORED_BOOKS, "gaps")
+        context = build_context(self.shelf, "contact", STORED_BOOKS, "gaps")
         return fit_strategy(
-            library, options, self.columns, feature_scale("gaps", STORED_BOOKS), context
+            library, options, self.columns, compute_feature_scale("gaps", STORED_BOOKS), context
         )
 
 
@@ -112,8 +112,8 @@ def training_scenes(source: Path | None, size: int, seed: int, report: Progress)
         MissingSolver: scenes have to be generated, and pymunk is not installed.
     """
     if source is not None:
-        plan = solved_scenes(source)
-        solved = placed_scenes(plan)
+        plan = read_solved_scenes(source)
+        solved = collect_placed_scenes(plan)
         if plan.meaning != "contact" or not solved or plan.scenes.count != STORED_BOOKS:
             raise UsageError(
                 f"{source}: expected placements of {STORED_BOOKS} stored books in the meaning "
@@ -122,22 +122,24 @@ def training_scenes(source: Path | None, size: int, seed: int, report: Progress)
         # The order of a file may follow its origin: parts of it are to be alike.
         order = np.random.default_rng(seed).permutation(len(solved))
         solved, shelf = [solved[k] for k in order], plan.shelf
-        middle, origin = mirror_middle(plan), f"{len(solved)} solved scenes of {source.name}"
+        middle, origin = find_mirror_axis(plan), f"{len(solved)} solved scenes of {source.name}"
     else:
-        shelf, middle = shelf_for(STORED_BOOKS), 0.0
+        shelf, middle = build_drop_shelf(STORED_BOOKS), 0.0
         scenes = _drawn(KINDS[SAME], seed, _LIBRARY_FROM, size, report, "library")
         solver = ExactSolver(shelf)
         answers = [(scene, solver.solve(scene)) for scene in scenes]
         solved = [
-            Priced(Solved(scene, answer.placement), answer.objective)
+            Priced(SolvedScene(scene, answer.placement), answer.objective)
             for scene, answer in answers
             if answer.placement is not None
         ]
         origin = f"{len(solved)} generated and solved scenes, seed {seed}"
     report("points of the library", 0.0)
-    judge = Judge(STORED_BOOKS, shelf, "contact")
-    rows = library_of(judge.program, solved, feature_map("gaps", shelf), middle=middle)
-    columns = select_solution_columns(judge.program.instantiate(theta_of(solved[0].solved.scene)))
+    evaluator = PlacementEvaluator(STORED_BOOKS, shelf, "contact")
+    rows = build_library(evaluator.program, solved, build_feature_map("gaps", shelf), middle=middle)
+    columns = select_solution_columns(
+        evaluator.program.instantiate(build_theta(solved[0].solved.scene))
+    )
     return TrainingScenes(rows, len(solved), columns, shelf, origin)
 
 
@@ -162,7 +164,7 @@ def unseen_cases(
         else:
             # Another seed: scenes of the library must not come again.
             scenes = _drawn(kind, seed + 1, 0, counts(setting), report, f"scenes, {setting}")
-        here = shelf if setting == SAME else shelf_for(STORED_BOOKS, kind.rules)
+        here = shelf if setting == SAME else build_drop_shelf(STORED_BOOKS, kind.rules)
         if scenes:
             cases.append(case_of(setting, scenes, here, seconds))
     return cases
@@ -178,7 +180,7 @@ def case_of(setting: str, scenes: Sequence[Scene], shelf: Shelf, seconds: float)
         setting=setting,
         scenes=[scenes[k] for k in placed],
         optimum=np.array([answers[k].objective for k in placed]),
-        judge=Judge(STORED_BOOKS, shelf, "contact"),
+        evaluator=PlacementEvaluator(STORED_BOOKS, shelf, "contact"),
         method=MethodSetting(shelf, "contact", ShelfSolverSpec(time_limit=seconds), Path()),
         exact_ms=np.array([1e3 * answers[k].seconds for k in placed]),
     )

@@ -105,15 +105,15 @@ def _walk(loaded: LoadedMpc) -> ProblemAndParameters:
 
 
 def _shelf(loaded: LoadedShelf) -> ProblemAndParameters:
-    from climbplan.bookshelf.scene.scene_source import loaded_scenes, shelf_of
-    from climbplan.bookshelf.statement.points import theta_of
-    from climbplan.bookshelf.statement.stated import shelf_problem
+    from climbplan.bookshelf.scene.scene_source import build_shelf, load_scenes
+    from climbplan.bookshelf.statement.points import build_theta
+    from climbplan.bookshelf.statement.shelf_problem import build_shelf_problem
 
-    scenes = loaded_scenes(loaded)
+    scenes = load_scenes(loaded)
     if len(scenes) != 1:
         raise UsageError(f"a problem is stated by one scene, {loaded.source} has {len(scenes)}")
-    shelf = shelf_of(loaded.spec.shelf)
-    return shelf_problem(scenes.count, shelf, loaded.spec.meaning), theta_of(scenes[0])
+    shelf = build_shelf(loaded.spec.shelf)
+    return build_shelf_problem(scenes.count, shelf, loaded.spec.meaning), build_theta(scenes[0])
 
 
 _MAKERS: dict[type, Any] = {

@@ -17,6 +17,7 @@ from climbplan.errors import ExitCode
 def solve_bookshelf(
     context: typer.Context,
     spec: Spec,
+    *,
     out: Out = None,
     assignments: Set = None,
     seed: Seed = None,
@@ -67,9 +68,9 @@ def solve_bookshelf(
     loaded = load_shelf(spec, overrides)
     check_model_path(save_model)
     with plan_run(session, loaded, out, force, report=not (no_report or quick)) as run:
-        made = run.make(loaded, jobs, save_model)
+        result = run.make(loaded, jobs, save_model)
     run.hand_over(as_json)
-    if made.status == "limit":
+    if result.status == "limit":
         raise typer.Exit(ExitCode.LIMIT)
-    if made.status == "infeasible":
+    if result.status == "infeasible":
         raise typer.Exit(ExitCode.INFEASIBLE)

@@ -88,16 +88,16 @@ def _check_walk(loaded: LoadedMpc) -> None:
 
 
 def _check_shelf(loaded: LoadedShelf) -> None:
-    from climbplan.bookshelf.scene.oddities import oddities
-    from climbplan.bookshelf.scene.scene_source import loaded_scenes, shelf_of
+    from climbplan.bookshelf.scene.oddities import find_oddities
+    from climbplan.bookshelf.scene.scene_source import build_shelf, load_scenes
 
-    for line in oddities(loaded_scenes(loaded), shelf_of(loaded.spec.shelf)):
+    for line in find_oddities(load_scenes(loaded), build_shelf(loaded.spec.shelf)):
         warn(f"{loaded.source}: {line}")
 
 
 def _check_climb(loaded: LoadedClimb) -> None:
     from climbplan.climb.planner.start_from_plan import resolve_start_plan
-    from climbplan.climb.scene.climb_scene import build_scene, apply_scan
+    from climbplan.climb.scene.climb_scene import apply_scan, build_scene
 
     loaded = apply_scan(resolve_start_plan(loaded))
     with placed_mistakes(loaded):

@@ -10,7 +10,7 @@ from bookshelf_scenes import HALF_MM, random_theta
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.plan.answer import SceneAnswer
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, compute_movement_cost
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,9 @@ def require_valid(scene: Scene, answer: SceneAnswer, shelf: Shelf) -> None:
     pose, state = answer.placement.pose[None], answer.placement.state[None]
     check = check_contact(scenes, pose, state, shelf, 1e-6)
     assert check.passed.all(), check.explain(0)
-    assert abs(movement_cost(scenes, pose)[0] - answer.objective) <= 1e-9 * (1 + answer.objective)
+    assert abs(compute_movement_cost(scenes, pose)[0] - answer.objective) <= 1e-9 * (
+        1 + answer.objective
+    )
     assert answer.bound <= answer.objective
     if answer.status == "optimal":
         assert answer.gap <= max(0.01, 1e-4 * answer.objective) * (1 + 1e-6)

@@ -29,9 +29,9 @@ from benchmarks.bookshelf.strategy_cases import (
 from benchmarks.bookshelf.strategy_plots import comparison
 from benchmarks.bookshelf.strategy_tables import write_text
 from benchmarks.record import make_record
-from climbplan.bookshelf.methods.features import feature_map
-from climbplan.bookshelf.scene.generator import shelf_for
-from climbplan.bookshelf.statement.points import theta_of
+from climbplan.bookshelf.methods.features import build_feature_map
+from climbplan.bookshelf.scene.generator import build_drop_shelf
+from climbplan.bookshelf.statement.points import build_theta
 from climbplan.errors import UsageError
 
 OPTIONS = StrategyOptions(
@@ -118,8 +118,8 @@ def test_scenes_unlike_the_data_mostly_need_movement() -> None:
     assert all((a.pose == b.pose).all() for a, b in zip(scenes, again, strict=True))
     assert all((scene.size[:, 1] <= 0.0201).all() for scene in scenes)
     assert all(0.0399 <= scene.inserted[1] <= 0.0701 for scene in scenes)
-    shelf = shelf_for(3, KINDS["slender"].rules)
-    assert shelf == shelf_for(3)  # the shelf that was trained on
+    shelf = build_drop_shelf(3, KINDS["slender"].rules)
+    assert shelf == build_drop_shelf(3)  # the shelf that was trained on
     case = case_of("slender", scenes, shelf, 10.0)
     assert len(case.scenes) == 20
     assert (case.optimum > 1).mean() > 0.7
@@ -129,10 +129,10 @@ def test_no_test_scene_is_trained_on() -> None:
     training = training_scenes(None, 12, 0, silent)
     assert training.rows.library.size == 24  # mirrored
     assert training.model("knn", 5, 0).library.size == 10
-    features = feature_map("gaps", training.shelf)
+    features = build_feature_map("gaps", training.shelf)
     seen = training.rows.library.features
     for scene in drawn_scenes("same", 1, 12, silent, ""):
-        assert np.abs(seen - features(theta_of(scene))).max(axis=1).min() > 0.1
+        assert np.abs(seen - features(build_theta(scene))).max(axis=1).min() > 0.1
 
 
 def test_unknown_strategies_and_files_are_refused(tmp_path: Path) -> None:

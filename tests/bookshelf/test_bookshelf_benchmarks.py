@@ -27,7 +27,7 @@ from benchmarks.bookshelf.run import (
 from benchmarks.record import make_record
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.plan.answer import SceneAnswer
-from climbplan.bookshelf.scene.generator import generate_scenes, shelf_for
+from climbplan.bookshelf.scene.generator import build_drop_shelf, generate_scenes
 from climbplan.errors import PlanFileError, UsageError
 
 SHIPPED = Path(__file__).parents[2] / "specs" / "bookshelf_scenes.h5"
@@ -141,7 +141,7 @@ def test_unknown_methods_are_refused() -> None:
 @pytest.fixture(scope="module")
 def published(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Optima of ours, but for the first scene, into which the book is forced where it overlaps."""
-    scenes, shelf = generate_scenes(3, 12, 3), shelf_for(3)
+    scenes, shelf = generate_scenes(3, 12, 3), build_drop_shelf(3)
     answers = ExactSolver(shelf).solve_all(scenes)
     pose = np.stack([a.placement.pose for a in answers if a.placement is not None])
     costly = int(np.argmax([a.objective for a in answers]))

@@ -9,8 +9,8 @@ import pytest
 
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.check.checks import PlacementCheck
-from climbplan.bookshelf.check.published import check_published, published_states
-from climbplan.bookshelf.scene.rectangles import slots
+from climbplan.bookshelf.check.published import check_published, infer_published_states
+from climbplan.bookshelf.scene.rectangles import find_slots
 from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State
 
 SHELF = Shelf()
@@ -59,7 +59,7 @@ def test_a_good_placement_passes() -> None:
     assert {item.name for item in check.items} == CONTACT
     assert check.passed.all(), check.explain(0)
     assert check.explain(0) == ""
-    assert slots(pose, scenes.sizes) == [2]
+    assert find_slots(pose, scenes.sizes) == [2]
 
 
 def test_overlap_is_measured_and_placed() -> None:
@@ -161,7 +161,7 @@ def test_the_inserted_book_is_no_support() -> None:
     pose[0, 2, 0] = pose[0, 1, 0] + 0.010 + 0.0275
     check = check_contact(scenes, pose, state, SHELF)
     assert _broken(check) == {"book.support": pytest.approx(20 - 1.5)}
-    assert slots(pose, scenes.sizes) == [0]
+    assert find_slots(pose, scenes.sizes) == [0]
 
 
 def test_stored_order_is_kept() -> None:
@@ -220,7 +220,7 @@ def test_published_line_passes_named_corners() -> None:
     inserted = np.array([0.05, 0.03, 0.0])
     scenes = Scenes.of([Scene(np.stack([first, second]), size, np.array([0.06, 0.02]))])
     pose = np.stack([first, second, inserted])[None]
-    state = published_states(scenes, pose, SHELF)
+    state = infer_published_states(scenes, pose, SHELF)
     assert state.tolist() == [[State.LEAN_LEFT, State.LEAN_LEFT, State.UPRIGHT]]
     check = check_published(scenes, pose, state, SHELF)
     # Sides 4 mm apart: the best line turns a little to come near both corners.
@@ -233,9 +233,9 @@ def test_published_line_passes_named_corners() -> None:
 
 def _sampled_line(pose: np.ndarray, size: np.ndarray) -> float:
     """Least tolerance over sampled directions of the line [mm]."""
-    from climbplan.bookshelf.scene.rectangles import corners
+    from climbplan.bookshelf.scene.rectangles import compute_corners
 
-    left, right = 1e3 * corners(pose[0], size[0]), 1e3 * corners(pose[1], size[1])
+    left, right = 1e3 * compute_corners(pose[0], size[0]), 1e3 * compute_corners(pose[1], size[1])
     best = math.inf
     for angle in np.linspace(-math.pi, math.pi, 100_001):
         a = np.array([math.cos(angle), math.sin(angle)])
@@ -247,9 +247,9 @@ def _sampled_line(pose: np.ndarray, size: np.ndarray) -> float:
 
 def test_published_states_are_those_that_fit() -> None:
     scenes, pose, state = _good()
-    assert published_states(scenes, pose, SHELF).tolist() == state.tolist()
+    assert infer_published_states(scenes, pose, SHELF).tolist() == state.tolist()
     pose[0, 1, 2], pose[0, 3, 2] = 0.06, -0.07  # a little past the tolerance, upright all the same
     pose[0, 2, 2] = -1.3
-    assert published_states(scenes, pose, SHELF).tolist() == state.tolist()
+    assert infer_published_states(scenes, pose, SHELF).tolist() == state.tolist()
     pose[0, 2, 1] = _height(1.3, 0.055, 0.02)  # now it rests on a corner
-    assert published_states(scenes, pose, SHELF)[0, 2] == State.LEAN_RIGHT
+    assert infer_published_states(scenes, pose, SHELF)[0, 2] == State.LEAN_RIGHT

@@ -7,7 +7,7 @@ import pytest
 
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver, SceneAnswer
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, compute_movement_cost
 from climbplan.errors import UsageError
 
 SHELF = Shelf()
@@ -48,7 +48,7 @@ def require_sound(scene: Scene, answer: SceneAnswer) -> None:
     pose, state = answer.placement.pose[None], answer.placement.state[None]
     check = check_contact(scenes, pose, state, SHELF)
     assert check.passed[0], check.explain(0)
-    assert movement_cost(scenes, pose)[0] == pytest.approx(answer.objective, abs=1e-6)
+    assert compute_movement_cost(scenes, pose)[0] == pytest.approx(answer.objective, abs=1e-6)
     assert answer.bound <= answer.objective + 1e-9
     assert answer.gap <= max(0.01, 1e-4 * answer.objective) + 1e-9
 

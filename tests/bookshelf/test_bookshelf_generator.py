@@ -11,11 +11,15 @@ import pytest
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.scene.generator import (
     DropRules,
+    build_drop_shelf,
     generate_scene,
     generate_scenes,
-    shelf_for,
 )
-from climbplan.bookshelf.scene.rectangles import distance, half_extents, separation
+from climbplan.bookshelf.scene.rectangles import (
+    compute_distance,
+    compute_half_extents,
+    compute_separation,
+)
 from climbplan.errors import LimitReached, MissingSolver
 
 needs_pymunk = pytest.mark.skipif(
@@ -26,9 +30,9 @@ needs_pymunk = pytest.mark.skipif(
 @needs_pymunk
 @pytest.mark.parametrize("count", [1, 3, 5])
 def test_books_rest_on_the_ground_between_the_walls(count: int) -> None:
-    scenes, shelf = generate_scenes(3, 6, count), shelf_for(count)
+    scenes, shelf = generate_scenes(3, 6, count), build_drop_shelf(count)
     assert scenes.pose.shape == (6, count, 3)
-    reach = half_extents(scenes.pose[..., 2], scenes.size)
+    reach = compute_half_extents(scenes.pose[..., 2], scenes.size)
     assert np.abs(scenes.pose[..., 1] - reach[..., 1]).max() < 5e-4
     assert (scenes.pose[..., 0] - reach[..., 0]).min() > shelf.left
     assert (scenes.pose[..., 0] + reach[..., 0]).max() < shelf.right
@@ -45,19 +49,23 @@ def test_books_rest_on_the_ground_between_the_walls(count: int) -> None:
 
 @needs_pymunk
 def test_books_keep_their_skins_apart_and_leaning_ones_touch() -> None:
-    scenes, shelf = generate_scenes(5, 40, 3), shelf_for(3)
+    scenes, shelf = generate_scenes(5, 40, 3), build_drop_shelf(3)
     gaps, leaning = [], 0
     for scene in scenes:
         for k in range(2):
-            apart = separation(scene.pose[k], scene.size[k], scene.pose[k + 1], scene.size[k + 1])
+            apart = compute_separation(
+                scene.pose[k], scene.size[k], scene.pose[k + 1], scene.size[k + 1]
+            )
             assert apart > 3.5e-3
         for k, (_, _, angle) in enumerate(scene.pose):
-            steep = shelf.least_lean(scene.size[k])
+            steep = shelf.min_lean_angle(scene.size[k])
             other = k - 1 if angle > 0 else k + 1
             if steep < abs(angle) < 1.5 and 0 <= other < 3:
                 leaning += 1
                 gaps.append(
-                    distance(scene.pose[k], scene.size[k], scene.pose[other], scene.size[other])
+                    compute_distance(
+                        scene.pose[k], scene.size[k], scene.pose[other], scene.size[other]
+                    )
                 )
     assert leaning > 5
     assert np.median(gaps) < shelf.book_gap
@@ -75,17 +83,17 @@ def test_scenes_are_seeded_one_by_one() -> None:
 
 @needs_pymunk
 def test_dropped_scenes_can_be_solved_and_mostly_need_little() -> None:
-    solver = ExactSolver(shelf_for(3))
+    solver = ExactSolver(build_drop_shelf(3))
     costs = np.array([a.objective for a in solver.solve_all(generate_scenes(11, 30, 3))])
     assert np.isfinite(costs).all()
     assert 0.4 < (costs < 1).mean() < 1.0
 
 
 def test_shelves_grow_with_the_books() -> None:
-    shelf = shelf_for(3)
+    shelf = build_drop_shelf(3)
     assert (shelf.left, shelf.right) == pytest.approx((-0.08111, 0.08111))
     assert shelf.published.half_width == pytest.approx(0.088)
-    assert shelf_for(7).width > 2 * shelf.width
+    assert build_drop_shelf(7).width > 2 * shelf.width
 
 
 @needs_pymunk

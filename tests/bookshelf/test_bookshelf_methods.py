@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from climbplan.bookshelf.methods.setting import MethodSetting
-from climbplan.bookshelf.methods.table import prepare
+from climbplan.bookshelf.methods.table import prepare_method
 from climbplan.bookshelf.plan.answer import SceneAnswer
 from climbplan.bookshelf.plan.file import write_shelf_plan
-from climbplan.bookshelf.planner.runs import checked, run_shelf
+from climbplan.bookshelf.planner.runs import check_answers, run_shelf
 from climbplan.bookshelf.scene.scene_file import read_scenes
 from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 from climbplan.bookshelf.schema.loading import load_shelf
@@ -46,9 +46,9 @@ def solved(
 ) -> list[SceneAnswer]:
     """Answers by a method, each through the exact check."""
     setting = MethodSetting(Shelf(), meaning, ShelfSolverSpec(**solver), SPECS)
-    method = prepare(setting, scenes.count)
+    method = prepare_method(setting, scenes.count)
     chosen = Scenes.of([scenes[int(k)] for k in which])
-    return checked(chosen, [method.solve(scene) for scene in chosen], setting)
+    return check_answers(chosen, [method.solve(scene) for scene in chosen], setting)
 
 
 def test_mpcc_from_the_scene_as_it_is(scenes: Scenes, optima: list[SceneAnswer]) -> None:
@@ -61,13 +61,13 @@ def test_mpcc_from_the_scene_as_it_is(scenes: Scenes, optima: list[SceneAnswer])
         assert answer.objective >= optima[k].bound - 1e-3
         assert answer.bound == -math.inf
         if answer.placement is None:
-            assert answer.word
+            assert answer.message
 
 
 def test_mpcc_from_zero_says_that_it_found_nothing(scenes: Scenes) -> None:
     (answer,) = solved(scenes, [9], {"method": "mpcc", "start": "zero"})
     assert answer.status == "limit"
-    assert "found none" in answer.word
+    assert "found none" in answer.message
 
 
 @pytest.mark.parametrize("method", ["mpcc", "convex", "knn"])
@@ -100,7 +100,7 @@ def test_neighbours_of_other_scenes(
 def test_the_published_convex_program_answers_or_says_so(scenes: Scenes, library: Path) -> None:
     options = {"method": "convex", "library": {"file": str(library)}, "refinements": 0}
     (answer,) = solved(scenes, [0], {**options, "candidates": 2})
-    assert answer.placement is not None or "candidates" in answer.word
+    assert answer.placement is not None or "candidates" in answer.message
 
 
 def test_knn_falls_back_to_exact(scenes: Scenes, library: Path) -> None:
@@ -112,7 +112,7 @@ def test_knn_falls_back_to_exact(scenes: Scenes, library: Path) -> None:
     assert any(a.placement is None for a in alone)
     for first, second in zip(alone, both, strict=True):
         assert second.placement is not None
-        assert ("exact" in second.word) == (first.placement is None)
+        assert ("exact" in second.message) == (first.placement is None)
 
 
 @pytest.mark.parametrize("meaning", ["contact", "published"])
@@ -181,7 +181,7 @@ def test_what_does_not_go_together(scenes: Scenes, library: Path) -> None:
         SPECS,
     )
     with pytest.raises(UsageError, match="3 stored books, expected 4"):
-        prepare(setting, 4)
+        prepare_method(setting, 4)
 
 
 @pytest.mark.parametrize(
@@ -205,6 +205,6 @@ def test_a_library_of_another_shelf_or_meaning_is_refused_unless_the_spec_takes_
         return MethodSetting(shelf, meaning, ShelfSolverSpec.model_validate(given), SPECS)
 
     with pytest.raises(UsageError, match=rf"library {library}: {words}") as refused:
-        prepare(setting({"file": str(library)}), 3)
+        prepare_method(setting({"file": str(library)}), 3)
     assert "solver.library.foreign: true" in str(refused.value)
-    prepare(setting({"file": str(library), "foreign": True}), 3)
+    prepare_method(setting({"file": str(library), "foreign": True}), 3)

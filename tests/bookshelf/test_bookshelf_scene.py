@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from bookshelf_scenes import PUBLISHED
 
-from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, compute_movement_cost
 from climbplan.errors import UsageError
 
 
@@ -54,21 +54,21 @@ def test_millimetres_taken_for_metres_are_refused() -> None:
 def test_movement_cost_by_hand() -> None:
     scenes = Scenes.from_theta(PUBLISHED[:1], "mm")
     pose = np.concatenate([scenes.pose, [[[0.0, 0.0, 0.0]]]], axis=1)
-    assert movement_cost(scenes, pose)[0] == 0
+    assert compute_movement_cost(scenes, pose)[0] == 0
     pose[0, 0, 0] += 3e-3
     pose[0, 1, 1] -= 4e-3
     pose[0, 2, 2] = math.pi / 2
     turned = math.cos(math.pi / 2) - math.cos(0.0012)
-    assert movement_cost(scenes, pose)[0] == pytest.approx(9 + 16 + turned**2)
+    assert compute_movement_cost(scenes, pose)[0] == pytest.approx(9 + 16 + turned**2)
 
 
 def test_least_lean_is_where_the_centre_is_over_the_foot() -> None:
     size = np.array([[0.08, 0.02], [0.05, 0.05]])
-    lean = Shelf().least_lean(size)
+    lean = Shelf().min_lean_angle(size)
     # Centre relative to the foot of a book tilted to the left by a: -H/2 sin a + W/2 cos a.
     over = -size[:, 0] / 2 * np.sin(lean) + size[:, 1] / 2 * np.cos(lean)
     np.testing.assert_allclose(over, 0, atol=1e-15)
-    assert Shelf(lean_margin=0.1).least_lean(size) == pytest.approx(lean + 0.1)
+    assert Shelf(lean_margin=0.1).min_lean_angle(size) == pytest.approx(lean + 0.1)
 
 
 @pytest.mark.parametrize(

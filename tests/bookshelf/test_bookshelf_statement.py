@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from climbplan.bookshelf.check.checker import check_contact
-from climbplan.bookshelf.check.published import ROUNDING, check_published, published_states
+from climbplan.bookshelf.check.published import ROUNDING, check_published, infer_published_states
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.methods.by_table import published_partitions
+from climbplan.bookshelf.methods.table_method import build_published_partitions
 from climbplan.bookshelf.plan.answer import Placement
 from climbplan.bookshelf.scene.scene_file import read_scenes
 from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf
 from climbplan.bookshelf.statement.points import (
-    as_stored,
-    placement_of,
-    point_of,
-    settled,
-    theta_of,
+    build_initial_placement,
+    build_point,
+    build_theta,
+    extract_placement,
+    snap_to_states,
 )
-from climbplan.bookshelf.statement.statement import bookshelf
+from climbplan.bookshelf.statement.statement import build_bookshelf_program
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.ipopt.instances import solve_fixed_integers
 from climbplan.solvers.scip.bilinear import solve_minlp_scip
@@ -43,12 +43,12 @@ def optima(scenes: Scenes) -> list[Placement]:
 
 
 def test_optima_satisfy_the_statement(scenes: Scenes, optima: list[Placement]) -> None:
-    program = bookshelf(3, SHELF)
+    program = build_bookshelf_program(3, SHELF)
     for scene, placement in zip(scenes, optima, strict=True):
-        x = point_of(program, scene, placement)
-        report = program.check(x, theta_of(scene))
+        x = build_point(program, scene, placement)
+        report = program.check(x, build_theta(scene))
         assert max(block.residual for block in report.blocks) < 1e-4
-        back = placement_of(program, scene, x)
+        back = extract_placement(program, scene, x)
         np.testing.assert_allclose(back.pose, placement.pose, atol=1e-12)
         np.testing.assert_array_equal(back.state, placement.state)
         assert back.slot == placement.slot
@@ -58,18 +58,23 @@ def test_the_statement_and_the_check_refuse_the_same(
     scenes: Scenes, optima: list[Placement]
 ) -> None:
     """Poses moved and states changed at random: both refuse, or both accept."""
-    rng, program, refused, passed = np.random.default_rng(0), bookshelf(3, SHELF), 0, 0
+    rng, program, refused, passed = (
+        np.random.default_rng(0),
+        build_bookshelf_program(3, SHELF),
+        0,
+        0,
+    )
     for scene, placement in zip(scenes, optima, strict=True):
         for size in (0.0, 1e-3, 5e-3, 2e-2):
             pose, state = placement.pose.copy(), placement.state.copy()
             pose[rng.integers(4), 0] += size * rng.choice([-1, 1])
             if rng.random() < 0.2:
                 state[rng.integers(3)] = rng.integers(5)
-            changed = settled(scene, Placement(pose, state, 0))
+            changed = snap_to_states(scene, Placement(pose, state, 0))
             one = Scenes.of([scene])
             check = check_contact(one, changed.pose[None], changed.state[None], SHELF)
-            x = point_of(program, scene, changed)
-            violation = program.instantiate(theta_of(scene)).violation(x)
+            x = build_point(program, scene, changed)
+            violation = program.instantiate(build_theta(scene)).violation(x)
             if check.passed[0]:
                 passed += 1
                 assert violation < 1.5e-2  # [mm], or twice the check's limit of an angle
@@ -83,17 +88,17 @@ def test_the_statement_and_the_check_refuse_the_same(
 def test_published_points_break_the_statement_where_they_break_the_check(
     scenes: Scenes, optima: list[Placement]
 ) -> None:
-    program = bookshelf(3, SHELF, "published")
+    program = build_bookshelf_program(3, SHELF, "published")
     compared = 0
     for scene, placement in zip(scenes, optima, strict=True):
         one, pose = Scenes.of([scene]), placement.pose.copy()
         pose[:, 0] *= 0.88  # books into each other
-        state = published_states(one, pose[None], SHELF)[0]
+        state = infer_published_states(one, pose[None], SHELF)[0]
         check = check_published(one, pose[None], state[None], SHELF)
         if not np.isfinite(check["book.state"].residual[0]):
             continue
-        x = point_of(program, scene, Placement(pose, state, placement.slot))
-        blocks = program.check(x, theta_of(scene)).blocks
+        x = build_point(program, scene, Placement(pose, state, placement.slot))
+        blocks = program.check(x, build_theta(scene)).blocks
         separation = check["book.separation"]
         stated = max(b.residual for b in blocks if b.name in ("line.left", "line.right"))
         leaning = np.isin(state, (1, 3)).any()
@@ -109,13 +114,13 @@ def test_published_points_break_the_statement_where_they_break_the_check(
 
 def test_pinned_states_lead_back_to_the_optimum(scenes: Scenes, optima: list[Placement]) -> None:
     """IPOPT from a point nearby, integers kept, finds the optimum that branch and bound proved."""
-    program, solver = bookshelf(3, SHELF), ExactSolver(SHELF)
+    program, solver = build_bookshelf_program(3, SHELF), ExactSolver(SHELF)
     near = 0
     for k in range(6):
         scene = scenes[k]
         best = solver.solve(scene)
-        start = point_of(program, scene, optima[k])
-        instance = program.instantiate(theta_of(scene))
+        start = build_point(program, scene, optima[k])
+        instance = program.instantiate(build_theta(scene))
         found = solve_fixed_integers(instance, start)
         assert instance.violation(found.v) < 1e-5
         assert instance.objective(found.v) > best.bound - 1e-3
@@ -134,10 +139,10 @@ def test_scip_bounds_hold(scenes: Scenes) -> None:
     )
     size = np.array([[0.075, 0.029], [0.072, 0.019], [0.080, 0.023]])
     scene = Scene(pose, size, np.array([0.086, 0.040]))
-    program, best = bookshelf(3, SHELF), ExactSolver(SHELF).solve(scene)
+    program, best = build_bookshelf_program(3, SHELF), ExactSolver(SHELF).solve(scene)
     assert best.placement is not None
-    x = point_of(program, scene, best.placement)
-    instance = program.instantiate(theta_of(scene))
+    x = build_point(program, scene, best.placement)
+    instance = program.instantiate(build_theta(scene))
     normal = program.variables["normal"]
     lower, upper = instance.lower.copy(), instance.upper.copy()
     here = slice(normal.start, normal.stop)
@@ -149,11 +154,11 @@ def test_scip_bounds_hold(scenes: Scenes) -> None:
 def test_the_published_counts() -> None:
     """130 binaries with the published pieces, whatever the meaning."""
     for meaning in ("contact", "published"):
-        program = bookshelf(3, SHELF, meaning)  # type: ignore[arg-type]
+        program = build_bookshelf_program(3, SHELF, meaning)  # type: ignore[arg-type]
         assert program.counts()["binary"] == 18
         scene = Scene(np.zeros((3, 3)), np.full((3, 2), 0.05), np.array([0.05, 0.02]))
-        parts = published_partitions(program)
-        form = McCormick(parts, "log2").apply(program.instantiate(theta_of(scene)))
+        parts = build_published_partitions(program)
+        form = McCormick(parts, "log2").apply(program.instantiate(build_theta(scene)))
         assert form.instance.binary_count == 130
 
 
@@ -166,9 +171,9 @@ def test_any_number_of_books(count: int) -> None:
     scene = Scene(pose, np.full((count, 2), [0.06, 0.012]), np.array([0.07, 0.02]))
     answer = ExactSolver(shelf).solve(scene)
     assert answer.placement is not None
-    program = bookshelf(count, shelf)
-    point = point_of(program, scene, answer.placement)
-    instance = program.instantiate(theta_of(scene))
+    program = build_bookshelf_program(count, shelf)
+    point = build_point(program, scene, answer.placement)
+    instance = program.instantiate(build_theta(scene))
     assert instance.violation(point) < 1e-6
     assert instance.objective(point) == pytest.approx(answer.objective, rel=1e-9, abs=1e-9)
-    assert as_stored(scene).pose.shape == (count + 1, 3)
+    assert build_initial_placement(scene).pose.shape == (count + 1, 3)

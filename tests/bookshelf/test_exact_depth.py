@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.exact.pairs import box_row, pair_floor
+from climbplan.bookshelf.exact.pairs import bound_pair_separation, fill_angle_box
 from climbplan.bookshelf.scene.generator import generate_scenes
-from climbplan.bookshelf.scene.rectangles import half_extents, separation
+from climbplan.bookshelf.scene.rectangles import compute_half_extents, compute_separation
 from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 
 RIGHT_ANGLE = math.pi / 2
@@ -27,7 +27,7 @@ shares = st.floats(0.0, 1.0)
 
 def box(low: float, high: float) -> np.ndarray:
     row = np.zeros(7)
-    box_row(low, high, row)
+    fill_angle_box(low, high, row)
     return row
 
 
@@ -40,12 +40,12 @@ def test_least_distance_penetrates_by_the_depth(
     b: float,
     depth: float,
 ) -> None:
-    apart = pair_floor(*i, box(a, a), *j, box(b, b), 0.0, depth)[0]
+    apart = bound_pair_separation(*i, box(a, a), *j, box(b, b), 0.0, depth)[0]
     size = np.array([[i[2], i[1]], [j[2], j[1]]])
     angle = np.array([i[0] * a, j[0] * b])
-    y = half_extents(angle, size)[:, 1]
+    y = compute_half_extents(angle, size)[:, 1]
     pose = np.stack([[0.0, apart], y, angle], axis=1)
-    between = separation(pose[0], size[0], pose[1], size[1])
+    between = compute_separation(pose[0], size[0], pose[1], size[1])
     assert between == pytest.approx(-depth, abs=1e-6)
 
 
@@ -72,11 +72,11 @@ def test_bounds_hold_everywhere_in_the_boxes(
         (low, min(low + width, RIGHT_ANGLE)) for low, width in (a, b)
     )
     box_i, box_j = box(low_i, high_i), box(low_j, high_j)
-    constant, floor, g, h = pair_floor(*i, box_i, *j, box_j, aim, depth)
+    constant, floor, g, h = bound_pair_separation(*i, box_i, *j, box_j, aim, depth)
     for s, t in [*points, (0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)]:
         at_i, at_j = low_i + s * (high_i - low_i), low_j + t * (high_j - low_j)
         d_i, d_j = at_i - (low_i + high_i) / 2, at_j - (low_j + high_j) / 2
-        least = pair_floor(*i, box(at_i, at_i), *j, box(at_j, at_j), 0.0, depth)[0]
+        least = bound_pair_separation(*i, box(at_i, at_i), *j, box(at_j, at_j), 0.0, depth)[0]
         slack = 1e-9 * (1 + abs(least))
         assert constant <= least + slack
         assert floor + g * d_i + h * d_j <= least + slack

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.plan.answer import SceneAnswer
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State, movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State, compute_movement_cost
 
 _LIMITS = ExactLimits(nodes=3000)  # what holds must hold of unfinished searches as well
 
@@ -129,7 +129,7 @@ def test_what_is_placed_well_stays(setting: Setting) -> None:
     if answer.placement is None:
         return
     again = Scene(answer.placement.pose[:-1], scene.size, scene.inserted)
-    assert movement_cost(Scenes.of([again]), answer.placement.pose[None])[0] == 0.0
+    assert compute_movement_cost(Scenes.of([again]), answer.placement.pose[None])[0] == 0.0
     settled = _solve(again, shelf)
     assert settled.bound <= 1e-6
     assert settled.objective <= 0.05  # found by dives, even if the search is not finished

@@ -11,8 +11,8 @@ from bookshelf_scenes import HALF_MM, random_theta
 
 from climbplan.bookshelf.exact.problem import ALLOWED, LEAN_FROM, build_problem
 from climbplan.bookshelf.exact.qp import SOLVED
-from climbplan.bookshelf.exact.relaxation import relax
-from climbplan.bookshelf.exact.sheet import new_sheet
+from climbplan.bookshelf.exact.relaxation import solve_relaxation
+from climbplan.bookshelf.exact.workspace import create_workspace
 from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 
 
@@ -21,7 +21,7 @@ def _setting(rng: np.random.Generator, n: int):  # type: ignore[no-untyped-def]
     theta = random_theta(rng, n, half)
     scene = Scenes.from_theta(theta[None], "mm")[0]
     shelf = Shelf(left=-1e-3 * half, right=1e-3 * half)
-    return Oracle(theta, Rules(-half, half)), build_problem(scene, shelf), new_sheet(n)
+    return Oracle(theta, Rules(-half, half)), build_problem(scene, shelf), create_workspace(n)
 
 
 def _draw(rng: np.random.Generator, problem, n: int):  # type: ignore[no-untyped-def]
@@ -45,7 +45,7 @@ def test_given_states_and_tilts_are_placed_as_by_the_oracle(n: int) -> None:
             slot = int(rng.integers(0, n + 1))
             mask = np.array([1 << s for s in states])
             span = np.array([*tilts[:n], *tilts[:n]])
-            status, bound = relax(problem, sheet, slot, mask, span, np.inf)
+            status, bound = solve_relaxation(problem, sheet, slot, mask, span, np.inf)
             expected = oracle.place(slot, states, tilts)
             assert (status == SOLVED) == (expected < math.inf)
             if status == SOLVED:
@@ -76,7 +76,7 @@ def test_no_placement_costs_less_than_a_node_that_holds_it(n: int) -> None:
                     width = 10.0 ** rng.uniform(-4, 0)
                     span[k] = max(tilts[k] - width * rng.random(), problem.book[k, LEAN_FROM])
                     span[n + k] = min(tilts[k] + width * rng.random(), math.pi / 2)
-            _, bound = relax(problem, sheet, slot, mask, span, np.inf)
+            _, bound = solve_relaxation(problem, sheet, slot, mask, span, np.inf)
             compared += 1
             tight += bound > 0.9 * cost
             assert bound <= cost + 1e-3
@@ -95,7 +95,7 @@ def test_a_cutoff_is_exceeded_only_with_proof() -> None:
             continue
         mask = np.array([1 << s for s in states])
         span = np.array([*tilts[:3], *tilts[:3]])
-        _, bound = relax(problem, sheet, 1, mask, span, 0.5 * cost)
+        _, bound = solve_relaxation(problem, sheet, 1, mask, span, 0.5 * cost)
         assert bound > 0.5 * cost
         assert bound <= cost + 1e-3
         cut += 1

@@ -190,22 +190,24 @@ def test_the_clock_is_looked_at_between_nodes_that_take_long(
         now[0] += step * arguments[-1]
         return PAUSED
 
-    monkeypatch.setattr(method, "advance", slow)
+    monkeypatch.setattr(method, "expand_nodes", slow)
     monkeypatch.setattr(method.time, "perf_counter", lambda: now[0])
     solver = ExactSolver(SHELF, ExactLimits(time=1.0))
     tree, finished = solver._search(method.build_problem(_many(60), SHELF), 0.01, 1e-4, 1.0)
     assert not finished
     assert 1.0 < now[0] <= 1.0 + 2 * step
-    assert tree.tally[method.UNUSED] < len(tree.pool) - 2 * 61  # placements side by side are in it
+    assert (
+        tree.counters[method.UNUSED] < len(tree.pool) - 2 * 61
+    )  # placements side by side are in it
 
 
 def test_a_tree_has_room_for_placements_of_many_books(monkeypatch: pytest.MonkeyPatch) -> None:
     books = 8
     monkeypatch.setattr(method, "_CAPACITY", 4)  # fewer than there are roots
-    monkeypatch.setattr(method, "advance", lambda *arguments: PAUSED)
+    monkeypatch.setattr(method, "expand_nodes", lambda *arguments: PAUSED)
     solver = ExactSolver(SHELF, ExactLimits(time=0.0))
     tree, _ = solver._search(method.build_problem(_many(books), SHELF), 0.01, 1e-4, 0.0)
-    assert 0 <= tree.tally[method.UNUSED] <= len(tree.pool) - 2 * (books + 1)
+    assert 0 <= tree.counters[method.UNUSED] <= len(tree.pool) - 2 * (books + 1)
 
 
 def _many(count: int) -> Scene:

@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 from scipy.stats import ks_2samp
 
-from climbplan.bookshelf.scene.generator import DropRules, generate_scenes, shelf_for
-from climbplan.bookshelf.scene.rectangles import separation
+from climbplan.bookshelf.scene.generator import DropRules, build_drop_shelf, generate_scenes
+from climbplan.bookshelf.scene.rectangles import compute_separation
 from climbplan.bookshelf.scene.shelf_scene import Scenes
 
 pytest.importorskip("pymunk")
@@ -64,7 +64,7 @@ def gaps_mm(scenes: Scenes) -> np.ndarray:
     """Distances between stored neighbours."""
     return np.array(
         [
-            1e3 * separation(s.pose[k], s.size[k], s.pose[k + 1], s.size[k + 1])
+            1e3 * compute_separation(s.pose[k], s.size[k], s.pose[k + 1], s.size[k + 1])
             for s in scenes
             for k in range(s.count - 1)
         ]
@@ -125,6 +125,6 @@ def test_other_books_and_shelves_are_other_distributions() -> None:
     slender = replace(DropRules(), width_mm=(10, 18), room_mm=150.0)
     scenes = generate_scenes(17, 30, 3, slender)
     assert 1e3 * scenes.sizes[..., 1].max() <= 18 + 1e-9
-    shelf = shelf_for(3, slender)
+    shelf = build_drop_shelf(3, slender)
     assert shelf.width == pytest.approx(0.150 - 0.01378, abs=1e-9)
     assert np.abs(scenes.pose[..., 0]).max() < shelf.right

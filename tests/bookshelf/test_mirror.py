@@ -7,9 +7,9 @@ import pytest
 
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.methods.mirror import Solved, mirrored
-from climbplan.bookshelf.scene.rectangles import slots
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, movement_cost
+from climbplan.bookshelf.methods.mirror import SolvedScene, mirror_scene
+from climbplan.bookshelf.scene.rectangles import find_slots
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, compute_movement_cost
 
 SHELF = Shelf()
 SOLVER = ExactSolver(SHELF)
@@ -32,7 +32,7 @@ def test_a_shelf_that_is_not_about_zero(seed: int) -> None:
     placement = ExactSolver(shelf).solve(scene).placement
     assert placement is not None
     for middle, holds in ((0.03, True), (0.0, False)):
-        there = mirrored(Solved(scene, placement), middle)
+        there = mirror_scene(SolvedScene(scene, placement), middle)
         pose, state = there.placement.pose[None], there.placement.state[None]
         assert check_contact(Scenes.of([there.scene]), pose, state, shelf).passed[0] == holds
 
@@ -42,15 +42,15 @@ def test_mirrored_placements_hold_at_the_same_cost(seed: int) -> None:
     scene = _scene(np.random.default_rng(seed))
     placement = SOLVER.solve(scene).placement
     assert placement is not None
-    there = mirrored(Solved(scene, placement))
+    there = mirror_scene(SolvedScene(scene, placement))
     one = Scenes.of([there.scene])
     one.require()
     check = check_contact(one, there.placement.pose[None], there.placement.state[None], SHELF)
     assert check.passed[0], check.explain(0)
-    cost = movement_cost(Scenes.of([scene]), placement.pose[None])[0]
-    assert movement_cost(one, there.placement.pose[None])[0] == pytest.approx(cost)
-    assert slots(there.placement.pose[None], one.sizes)[0] == there.placement.slot
-    back = mirrored(there)
+    cost = compute_movement_cost(Scenes.of([scene]), placement.pose[None])[0]
+    assert compute_movement_cost(one, there.placement.pose[None])[0] == pytest.approx(cost)
+    assert find_slots(there.placement.pose[None], one.sizes)[0] == there.placement.slot
+    back = mirror_scene(there)
     assert back.scene.pose == pytest.approx(scene.pose)
     assert (back.placement.state == placement.state).all()
     assert back.placement.slot == placement.slot

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bookshelf_scenes import PUBLISHED
 
-from climbplan.bookshelf.plan.dataset_frame import frame_of
+from climbplan.bookshelf.plan.dataset_frame import build_frame
 from climbplan.bookshelf.scene.scene_file import read_scenes, write_scenes
 from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 from climbplan.errors import PlanFileError, UsageError
@@ -104,7 +104,7 @@ def test_scenes_of_a_dataset(tmp_path: Path) -> None:
 
 def _rows(parameters: np.ndarray) -> Dataset:
     """Rows without answers."""
-    frame = frame_of(1, Shelf(), "contact")
+    frame = build_frame(1, Shelf(), "contact")
     count = len(parameters)
     return Dataset(
         frame=frame,

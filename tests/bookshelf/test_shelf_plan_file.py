@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from climbplan.bookshelf.check.plan_checks import LIMITS, MEANINGS
-from climbplan.bookshelf.check.verification import published_overlap, verify, verify_and_mark
+from climbplan.bookshelf.check.verification import report_published_overlap, verify, verify_and_mark
 from climbplan.bookshelf.plan.file import read_shelf_plan, write_shelf_plan
-from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, status_of
+from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, combine_statuses
 from climbplan.bookshelf.planner.runs import run_shelf
 from climbplan.bookshelf.scene.scene_file import write_scenes
 from climbplan.bookshelf.scene.shelf_scene import Scenes
@@ -87,11 +87,11 @@ def test_the_published_meaning_says_how_far_books_overlap(plan: ShelfPlan) -> No
     row = int(np.flatnonzero(plan.solutions.placed)[0])
     pose[row, 1] = pose[row, 0]  # two books in one place
     pushed = replace(plan, solutions=replace(plan.solutions, pose=pose))
-    assert published_overlap(pushed) == ()  # the meaning `contact` judges it
-    (left,) = published_overlap(replace(pushed, meaning="published"))
+    assert report_published_overlap(pushed) == ()  # the meaning `contact` judges it
+    (left,) = report_published_overlap(replace(pushed, meaning="published"))
     assert left.model == "published meaning"
     assert left.words.startswith("books overlap by up to ")
-    assert published_overlap(replace(plan, meaning="published")) == ()
+    assert report_published_overlap(replace(plan, meaning="published")) == ()
 
 
 def test_every_dataset_has_units(path: Path) -> None:
@@ -120,7 +120,7 @@ def test_every_dataset_has_units(path: Path) -> None:
     ],
 )
 def test_one_status_of_all(statuses: list[str], whole: str) -> None:
-    assert status_of(statuses) == whole
+    assert combine_statuses(statuses) == whole
 
 
 def put(name: str, index: Any, value: Any) -> Change:

@@ -17,8 +17,8 @@ from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.plan.answer import SceneAnswer
 from climbplan.bookshelf.plan.file import write_shelf_plan
 from climbplan.bookshelf.planner import runs
-from climbplan.bookshelf.planner.runs import checked, run_shelf, solve_scenes
-from climbplan.bookshelf.scene.oddities import oddities
+from climbplan.bookshelf.planner.runs import check_answers, run_shelf, solve_scenes
+from climbplan.bookshelf.scene.oddities import find_oddities
 from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf
 from climbplan.bookshelf.schema.loading import LoadedShelf, load_shelf
 from climbplan.bookshelf.schema.model import ShelfSolverSpec
@@ -56,7 +56,7 @@ def shifted(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
         def prepare(setting: MethodSetting, count: int) -> SceneMethod:
             return Shifted(ExactSolver(setting.shelf))
 
-        monkeypatch.setattr(runs, "prepare", prepare)
+        monkeypatch.setattr(runs, "prepare_method", prepare)
 
     return shift
 
@@ -79,9 +79,9 @@ def test_answers_that_break_a_constraint_count_as_none() -> None:
     assert first is not None
     broken = first.pose + np.array([[0, 0, 0], [0, 0, 0], [0, 2e-5, 0]])  # 0.02 mm above ground
     answers[0] = replace(answers[0], placement=replace(first, pose=broken))
-    lost, kept = checked(scenes, answers, SETTING)
+    lost, kept = check_answers(scenes, answers, SETTING)
     assert (lost.status, lost.placement, lost.objective) == ("limit", None, math.inf)
-    assert "book.ground: 0.02 mm at the inserted book (at most 0.01)" in lost.word
+    assert "book.ground: 0.02 mm at the inserted book (at most 0.01)" in lost.message
     assert kept == answers[1]
 
 
@@ -94,13 +94,13 @@ def test_a_solvers_word_is_not_believed() -> None:
         replace(true, bound=true.objective + 1e-4),
         replace(true, status="infeasible", placement=None, objective=math.inf, bound=math.inf),
     ]
-    unproved, above, near, denied = checked(scenes, words, SETTING)
+    unproved, above, near, denied = check_answers(scenes, words, SETTING)
     assert (unproved.status, unproved.objective) == ("feasible", true.objective)
     assert (above.status, above.bound) == ("feasible", -math.inf)
-    assert "above the cost, and so not valid" in above.word
+    assert "above the cost, and so not valid" in above.message
     assert (near.status, near.bound) == ("optimal", true.objective)
     assert (denied.status, denied.bound) == ("limit", -math.inf)
-    assert "fit side by side" in denied.word
+    assert "fit side by side" in denied.message
 
 
 def test_meaning_decides_what_passes(shifted: Callable[[float], None], tmp_path: Path) -> None:
@@ -152,11 +152,11 @@ def test_every_book_that_is_too_tall_is_named() -> None:
     ],
 )
 def test_oddities(change: dict[int, float], said: tuple[str, ...]) -> None:
-    assert oddities(rows(change), Shelf()) == said
+    assert find_oddities(rows(change), Shelf()) == said
 
 
 def test_oddities_of_many_scenes_name_the_worst() -> None:
-    lines = oddities(rows({}, {1: 45}, {1: 60}), Shelf())
+    lines = find_oddities(rows({}, {1: 45}, {1: 60}), Shelf())
     assert lines == (
         "scene 2: book 0 floats 20.0 mm above the ground (the worst of 2 such scenes)",
     )

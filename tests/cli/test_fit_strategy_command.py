@@ -10,7 +10,7 @@ import h5py
 import pytest
 from command_line import RunCommand
 
-from climbplan.bookshelf.methods.training import shelf_data
+from climbplan.bookshelf.methods.training import collect_shelf_data
 from climbplan.bookshelf.scene.scene_file import read_scenes, write_scenes
 from climbplan.bookshelf.scene.shelf_scene import Scenes
 from climbplan.learning.fit_run import build_fit_options, build_model_file, train, write_verified
@@ -30,7 +30,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     """Models of every kind, trained once from the shipped scenes without figures."""
     folder, made = tmp_path_factory.mktemp("models"), {}
     loaded = load_strategy(STRATEGY, [*SMALL[1::2], "data.held_out=0"])
-    data = shelf_data(loaded)
+    data = collect_shelf_data(loaded)
     for kind in MODEL_KINDS:
         options = replace(build_fit_options(loaded.spec), kind=kind)
         made[kind] = folder / f"{kind}.h5"
@@ -94,7 +94,7 @@ def test_without_fallback_nothing_else_answers(
     run_command: RunCommand, few_scenes: str, workplace: Path
 ) -> None:
     loaded = load_strategy(STRATEGY, ["data.size=1", "data.mirror=false", "model.kind=knn"])
-    data = shelf_data(loaded)
+    data = collect_shelf_data(loaded)
     stored = build_model_file(train(data, build_fit_options(loaded.spec), 0.0), loaded, data)
     write_verified(stored, Path("one.h5"))
     given = ("--set", "solver.model.file=one.h5", "--method", "knn")

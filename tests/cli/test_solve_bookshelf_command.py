@@ -60,7 +60,7 @@ def use_method(
             self.count += 1
             return answer(self.count - 1, self.exact.solve(scene))
 
-    monkeypatch.setattr(runs, "prepare", lambda setting, count: Changed(setting))
+    monkeypatch.setattr(runs, "prepare_method", lambda setting, count: Changed(setting))
 
 
 @pytest.mark.parametrize("name", ["bookshelf_scene", "bookshelf_five", "bookshelf_file"])
@@ -216,7 +216,7 @@ def test_a_plan_that_fails_verification_is_kept(
     run_command: RunCommand, workplace: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     use_method(monkeypatch, overlapping)
-    monkeypatch.setattr(runs, "checked", lambda scenes, answers, setting: list(answers))
+    monkeypatch.setattr(runs, "check_answers", lambda scenes, answers, setting: list(answers))
     outcome = run_command("solve-bookshelf", SCENE)
     assert outcome.code == 5
     assert outcome.out == "outputs/bookshelf_scene/plan.h5\n"

@@ -14,13 +14,13 @@ import pytest
 from headless_chromium import Browser, chromium_path
 from matplotlib.image import imread
 
-from climbplan.bookshelf.pages.figures import UNITS, costliest
-from climbplan.bookshelf.pages.report import figure_functions, report_dict, write_report
+from climbplan.bookshelf.pages.figures import UNITS, rank_costliest
+from climbplan.bookshelf.pages.report import list_figures, report_dict, write_report
 from climbplan.bookshelf.plan.file import write_shelf_plan
-from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, totals_of
+from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, compute_totals
 from climbplan.bookshelf.planner.runs import run_shelf
 from climbplan.bookshelf.schema.loading import load_shelf
-from climbplan.reports.sheet import png
+from climbplan.reports.sheet import render_png
 
 SPECS = Path(__file__).parents[2] / "specs"
 
@@ -54,16 +54,16 @@ def many() -> ShelfPlan:
         status=status,
         message=tuple("<b>$x$" if gone else "" for gone in lost),
     )
-    return replace(plan, solutions=solutions, totals=totals_of(solutions), title="<i>$40$")
+    return replace(plan, solutions=solutions, totals=compute_totals(solutions), title="<i>$40$")
 
 
 @pytest.mark.parametrize("name", ["one", "many"])
 def test_figures_are_drawn(name: str, request: pytest.FixtureRequest) -> None:
     plan = request.getfixturevalue(name)
-    figures = figure_functions(plan)
+    figures = list_figures(plan)
     assert set(figures) == ({"scene"} if name == "one" else {"statistics", "gallery_1"})
     for draw in figures.values():
-        image = imread(io.BytesIO(png(draw(plan))))
+        image = imread(io.BytesIO(render_png(draw(plan))))
         assert min(image.shape[:2]) > 500
         assert 0.02 < (image[..., :3] < 0.97).any(axis=-1).mean() < 0.9  # neither blank nor full
 
@@ -124,7 +124,7 @@ def test_numbers_of_many_scenes(many: ShelfPlan, tmp_path: Path) -> None:
 
 
 def test_costliest_first(many: ShelfPlan) -> None:
-    order = costliest(many, 10)
+    order = rank_costliest(many, 10)
     cost = many.solutions.objective[order]
     assert (np.diff(cost) <= 0).all()
     assert cost[0] == many.solutions.objective[many.solutions.placed].max()

@@ -13,8 +13,8 @@ import yaml
 from pydantic import ValidationError
 
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.pages.pictures import moved
-from climbplan.bookshelf.scene.scene_source import scenes_of, shelf_of
+from climbplan.bookshelf.pages.pictures import is_moved
+from climbplan.bookshelf.scene.scene_source import build_shelf, read_spec_scenes
 from climbplan.bookshelf.scene.shelf_scene import Shelf
 from climbplan.bookshelf.schema.model import BookshelfSpec
 
@@ -39,21 +39,21 @@ def _small(**change: Any) -> dict[str, Any]:
 )
 def test_inline_examples(name: str, count: int, movers: int) -> None:
     spec = BookshelfSpec.model_validate(_shipped(name))
-    scenes, shelf = scenes_of(spec, SPECS), shelf_of(spec.shelf)
+    scenes, shelf = read_spec_scenes(spec, SPECS), build_shelf(spec.shelf)
     assert scenes.count == count
     answer = ExactSolver(shelf).solve(scenes[0])
     assert answer.status == "optimal"
     assert answer.placement is not None
-    assert sum(moved(scenes[0], answer.placement, k) for k in range(count)) == movers
+    assert sum(is_moved(scenes[0], answer.placement, k) for k in range(count)) == movers
 
 
 def test_the_example_of_a_file() -> None:
     spec = BookshelfSpec.model_validate(_shipped("bookshelf_file"))
-    assert len(scenes_of(spec, SPECS)) == 40
+    assert len(read_spec_scenes(spec, SPECS)) == 40
 
 
 def test_defaults_are_those_of_the_shelf() -> None:
-    written, default = shelf_of(BookshelfSpec.model_validate(_small()).shelf), Shelf()
+    written, default = build_shelf(BookshelfSpec.model_validate(_small()).shelf), Shelf()
     for field in fields(Shelf):
         if field.name != "published":
             value = getattr(default, field.name)
@@ -65,7 +65,7 @@ def test_books_stand_on_the_ground_unless_told_otherwise() -> None:
     book = {"x_mm": 1, "tilt_deg": 30, "height_mm": 80, "width_mm": 20}
     data = _small()
     data["scene"]["books"] = [book, {**book, "y_mm": 55}]
-    pose = scenes_of(BookshelfSpec.model_validate(data), SPECS).pose[0]
+    pose = read_spec_scenes(BookshelfSpec.model_validate(data), SPECS).pose[0]
     tilt = math.radians(30)
     on_ground = 1e-3 * (20 * math.sin(tilt) + 80 * math.cos(tilt)) / 2
     np.testing.assert_allclose(pose, [[1e-3, on_ground, tilt], [1e-3, 0.055, tilt]])

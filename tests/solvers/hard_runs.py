@@ -182,7 +182,7 @@ RUNS = {
         "solvers/tree/branch_and_bound.py",
         "solve_branch_and_bound",
     ),
-    "bonmin": HardRun(_solve(market_split, "bonmin"), "solvers/bonmin.py", "_run"),
+    "bonmin": HardRun(_solve(market_split, "bonmin"), "solvers/bonmin.py", "_run_process"),
     "ipopt": HardRun(_solve(valley, "ipopt"), "solvers/ipopt/program.py", "solve"),
     "mpcc": HardRun(_solve(split_valley, "mpcc"), "solvers/ipopt/program.py", "solve"),
     "trajectory": HardRun(_trajectory, "solvers/ipopt/program.py", "solve"),
@@ -206,7 +206,7 @@ RUNS = {
     "homotopy": HardRun(
         _plan("transition_flat", solver__method="complementarity"),
         "climb/transition/homotopy.py",
-        "run_start",
+        "run_from_start",
     ),
     "walk-search": HardRun(
         _plan("mpc_turn", solver__method="search"), "offline/search.py", "search"

@@ -14,13 +14,13 @@ import math
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.bookshelf.check.checks import NamedResidual, PlacementCheck, worst_of
+from climbplan.bookshelf.check.checks import NamedResidual, PlacementCheck, select_worst
 from climbplan.bookshelf.scene.rectangles import (
     ANGLE_LIMIT,
-    distance,
-    ground_contact,
-    half_extents,
-    separation,
+    compute_distance,
+    compute_half_extents,
+    compute_separation,
+    find_ground_contact,
 )
 from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, State
 
@@ -35,12 +35,18 @@ def check_contact(
 ) -> PlacementCheck:
     """Check placements of S scenes with n stored books.
 
-    pose: (S, n + 1, 3) x, y [m], angle [rad], the inserted book last. state: (S, n + 1) of `State`.
-    length_limit: largest overlap, gap beyond the contact gap, and so on [m]. Residuals are in mm
-    and rad. A pose that is not finite fails every constraint it bears on.
+    Args:
+        scenes: the stored books before the insertion and the inserted books.
+        pose: (S, n + 1, 3) x, y [m], angle [rad], the inserted book last.
+        state: (S, n + 1) of `State`.
+        shelf: walls, clear height and contact gaps.
+        length_limit: largest violation of a constraint on lengths [m].
+
+    Returns:
+        Residuals in mm and rad. A pose that is not finite fails every constraint it enters.
     """
-    size, books = scenes.sizes, book_names(scenes.count)
-    reach = half_extents(pose[..., 2], size)
+    size, books = scenes.sizes, name_books(scenes.count)
+    reach = compute_half_extents(pose[..., 2], size)
     limit = 1e3 * length_limit
     x, y = pose[..., 0], pose[..., 1]
     beyond = np.maximum(x + reach[..., 0] - shelf.right, shelf.left - x + reach[..., 0])
@@ -49,36 +55,48 @@ def check_contact(
     return PlacementCheck(
         "contact",
         (
-            _overlap(pose, size, limit),
-            worst_of("book.wall", "mm", limit, 1e3 * beyond, books),
-            worst_of("book.ground", "mm", limit, 1e3 * off_ground, books),
-            worst_of("book.clear_height", "mm", limit, 1e3 * too_high, books),
-            worst_of("book.state", "rad", ANGLE_LIMIT, _off_state(pose[..., 2], state), books),
-            worst_of(
-                "book.stability", "rad", ANGLE_LIMIT, _unstable(pose, size, state, shelf), books
+            _measure_overlap(pose, size, limit),
+            select_worst("book.wall", "mm", limit, 1e3 * beyond, books),
+            select_worst("book.ground", "mm", limit, 1e3 * off_ground, books),
+            select_worst("book.clear_height", "mm", limit, 1e3 * too_high, books),
+            select_worst(
+                "book.state", "rad", ANGLE_LIMIT, _compute_state_error(pose[..., 2], state), books
             ),
-            worst_of("book.support", "mm", limit, 1e3 * _gaps(scenes, pose, state, shelf), books),
-            _order(pose, size, limit),
+            select_worst(
+                "book.stability",
+                "rad",
+                ANGLE_LIMIT,
+                _compute_lean_shortfall(pose, size, state, shelf),
+                books,
+            ),
+            select_worst(
+                "book.support",
+                "mm",
+                limit,
+                1e3 * _measure_support_gaps(scenes, pose, state, shelf),
+                books,
+            ),
+            _measure_order_violation(pose, size, limit),
         ),
     )
 
 
-def book_names(count: int) -> list[str]:
-    """Names of n stored books and the inserted one."""
+def name_books(count: int) -> list[str]:
+    """Return the names of n stored books and of the inserted one."""
     return [f"book {k}" for k in range(count)] + ["the inserted book"]
 
 
-def _overlap(pose: Array, size: Array, limit: float) -> NamedResidual:
-    names = book_names(pose.shape[1] - 1)
+def _measure_overlap(pose: Array, size: Array, limit: float) -> NamedResidual:
+    names = name_books(pose.shape[1] - 1)
     pairs = list(itertools.combinations(range(pose.shape[1]), 2))
     i, j = (np.array(side) for side in zip(*pairs, strict=True))
-    depth = -separation(pose[:, i], size[:, i], pose[:, j], size[:, j])
+    depth = -compute_separation(pose[:, i], size[:, i], pose[:, j], size[:, j])
     places = [f"{names[a]} and {names[b]}" for a, b in pairs]
-    return worst_of("book.overlap", "mm", limit, 1e3 * depth, places)
+    return select_worst("book.overlap", "mm", limit, 1e3 * depth, places)
 
 
-def _off_state(angle: Array, state: IntArray) -> Array:
-    """How far angles (S, n + 1) are from those of the states [rad]."""
+def _compute_state_error(angle: Array, state: IntArray) -> Array:
+    """Return how far angles (S, n + 1) are from those of the states [rad]."""
     off = np.full(angle.shape, np.inf)
     for value, target in _TARGET.items():
         off = np.where(state == value, np.abs(angle - target), off)
@@ -90,23 +108,25 @@ def _off_state(angle: Array, state: IntArray) -> Array:
     return off
 
 
-def _unstable(pose: Array, size: Array, state: IntArray, shelf: Shelf) -> Array:
-    """How much a leaning book tilts too little [rad]."""
+def _compute_lean_shortfall(pose: Array, size: Array, state: IntArray, shelf: Shelf) -> Array:
+    """Return the tilt that leaning books lack for stability (S, n + 1) [rad]."""
     leaning = (state == State.LEAN_LEFT) | (state == State.LEAN_RIGHT)
-    short: Array = np.where(leaning, shelf.least_lean(size) - np.abs(pose[..., 2]), 0.0)
+    short: Array = np.where(leaning, shelf.min_lean_angle(size) - np.abs(pose[..., 2]), 0.0)
     return short
 
 
-def _gaps(scenes: Scenes, pose: Array, state: IntArray, shelf: Shelf) -> Array:
-    """Distance of leaning books from their support beyond the contact gap (S, n + 1) [m]."""
+def _measure_support_gaps(scenes: Scenes, pose: Array, state: IntArray, shelf: Shelf) -> Array:
+    """Return how far leaning books are from their support beyond the contact gap (S, n + 1) [m]."""
     size, n = scenes.sizes, scenes.count
     gap = np.zeros(state.shape)
     for k in range(n):
-        reach = half_extents(pose[:, k, 2], size[:, k])[:, 0]
+        reach = compute_half_extents(pose[:, k, 2], size[:, k])[:, 0]
         for side, step in ((State.LEAN_LEFT, -1), (State.LEAN_RIGHT, 1)):
-            other = k + step
-            if 0 <= other < n:
-                apart = distance(pose[:, k], size[:, k], pose[:, other], size[:, other])
+            neighbour = k + step
+            if 0 <= neighbour < n:
+                apart = compute_distance(
+                    pose[:, k], size[:, k], pose[:, neighbour], size[:, neighbour]
+                )
                 beyond = apart - shelf.book_gap
             elif step < 0:
                 beyond = pose[:, k, 0] - reach - shelf.left - shelf.wall_gap
@@ -116,9 +136,9 @@ def _gaps(scenes: Scenes, pose: Array, state: IntArray, shelf: Shelf) -> Array:
     return gap
 
 
-def _order(pose: Array, size: Array, limit: float) -> NamedResidual:
-    """Centres and feet of the stored books from left to right."""
-    x, feet = pose[:, :-1, 0], ground_contact(pose, size)[:, :-1]
+def _measure_order_violation(pose: Array, size: Array, limit: float) -> NamedResidual:
+    """Measure how far centres or feet of the stored books are out of order."""
+    x, feet = pose[:, :-1, 0], find_ground_contact(pose, size)[:, :-1]
     back = np.maximum(x[:, :-1] - x[:, 1:], feet[:, :-1] - feet[:, 1:])
     places = [f"books {k} and {k + 1}" for k in range(back.shape[1])]
-    return worst_of("book.order", "mm", limit, 1e3 * back, places)
+    return select_worst("book.order", "mm", limit, 1e3 * back, places)

@@ -1,4 +1,4 @@
-"""What a check of a placement says: the residual of every named constraint, scene by scene."""
+"""Result of a placement check: the residual of every named constraint in every scene."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class NamedResidual:
 
     @property
     def passed(self) -> BoolArray:
-        """Which scenes pass (S,)."""
+        """Mask (S,) of the scenes that pass."""
         return self.residual <= self.limit
 
     @property
@@ -67,10 +67,18 @@ class PlacementCheck:
         )
 
 
-def worst_of(
+def select_worst(
     name: str, unit: str, limit: float, residuals: Array, places: list[str]
 ) -> NamedResidual:
-    """The worst of several places: residuals (S, K), their names (K,). NaN is worse than all."""
+    """Select the worst of K places in every scene; NaN is worse than every number.
+
+    Args:
+        name: dotted name of the constraint.
+        unit: "mm" or "rad", empty for sines.
+        limit: largest residual that passes, in this unit.
+        residuals: (S, K) by scene and place.
+        places: K names for messages.
+    """
     scenes = len(residuals)
     if not places:
         return NamedResidual(name, unit, limit, np.zeros(scenes), ("",) * scenes)

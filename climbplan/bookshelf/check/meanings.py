@@ -1,4 +1,4 @@
-"""The exact check by the name of its meaning, and what refutes that there is no placement."""
+"""Select the exact check by its meaning, and refute claims that no placement exists."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ def check_placements(
 
 
 def fit_side_by_side(scenes: Scenes, shelf: Shelf) -> BoolArray:
-    """Scenes (S,) whose books all fit upright or flat beside one another: these have a placement.
+    """Return a mask (S,) of the scenes whose books all fit side by side, upright or flat.
 
-    In the meaning `contact`; books that fit to the last 0.01 mm are left out.
+    These scenes have a placement in the meaning `contact`. Books that fit with less than 0.01 mm
+    to spare are left out.
     """
     height, width = scenes.sizes[..., 0], scenes.sizes[..., 1]
     upright = np.where(height <= shelf.height, width, np.inf)

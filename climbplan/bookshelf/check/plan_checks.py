@@ -1,7 +1,7 @@
-"""What a bookshelf plan says about itself, recomputed from its file alone.
+"""Checks of a bookshelf plan, recomputed from its file alone.
 
-The geometry is judged by the exact check of the plan's meaning; what is stored beside it (costs,
-overlaps, statuses, bounds, the spec) is compared with what the stored scenes and poses give.
+The exact check of the plan's meaning evaluates the geometry. Stored costs, overlaps, statuses,
+bounds and the spec are compared with the values that the stored scenes and poses give.
 """
 
 from __future__ import annotations
@@ -22,19 +22,23 @@ from climbplan.bookshelf.plan.shelf_plan import (
     NO_STATE,
     ShelfPlan,
     Solutions,
-    totals_of,
-    worst_overlap,
+    compute_totals,
+    measure_worst_overlap,
 )
-from climbplan.bookshelf.scene.rectangles import slots
-from climbplan.bookshelf.scene.scene_source import scenes_of, scenes_of_inline, shelf_of
-from climbplan.bookshelf.scene.shelf_scene import Scenes, State, movement_cost
+from climbplan.bookshelf.scene.rectangles import find_slots
+from climbplan.bookshelf.scene.scene_source import (
+    build_inline_scenes,
+    build_shelf,
+    read_spec_scenes,
+)
+from climbplan.bookshelf.scene.shelf_scene import Scenes, State, compute_movement_cost
 from climbplan.bookshelf.schema.model import BookshelfSpec, ShelfSolverSpec
 from climbplan.errors import SpecError, UsageError
 from climbplan.schema.holding import HeldSpec
 from climbplan.schema.kinds import validate
 from climbplan.schema.yaml_source import parse_yaml
 from climbplan.verification.check import Check, LeftOut, Limit
-from climbplan.verification.held import held_check
+from climbplan.verification.held import check_spec_differences
 
 LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),
@@ -65,47 +69,51 @@ MEANINGS = {
 }
 
 
-def plan_checks(plan: ShelfPlan, held: HeldSpec | None = None) -> Iterator[Check]:
-    """All checks; if text or numbers are unsound only those, as nothing else would mean much.
+def check_plan(plan: ShelfPlan, replacement_spec: HeldSpec | None = None) -> Iterator[Check]:
+    """Run all checks; if text or numbers are unsound only those, as others would mean little.
 
-    held: a spec that the plan is to answer in place of its own.
+    Args:
+        plan: as read from its file, with numbers that may be NaN.
+        replacement_spec: a spec that the plan is compared with in place of its own.
     """
     digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
-    yield _judge("file.spec_hash", float(digest != plan.spec_sha256), "the text was changed")
-    yield _faults("file.finite", plan.not_finite)
+    yield _compare_with_limit(
+        "file.spec_hash", float(digest != plan.spec_sha256), "the text was changed"
+    )
+    yield _check_fault_count("file.finite", plan.not_finite)
     wrong = plan.scenes.faults()
-    yield _faults("scenes.data", wrong)
+    yield _check_fault_count("scenes.data", wrong)
     if plan.not_finite or wrong:
         return
     directory = None
-    if held is not None:
-        yield held_check(held)
-        plan, directory = replace(plan, spec_text=held.text), held.directory
-    spec = _spec_of(plan)
-    yield _spec_values(plan, spec, directory)
-    yield _totals(plan)
-    yield from solution_checks(plan, spec.solver if isinstance(spec, BookshelfSpec) else None)
+    if replacement_spec is not None:
+        yield check_spec_differences(replacement_spec)
+        plan, directory = replace(plan, spec_text=replacement_spec.text), replacement_spec.directory
+    spec = _parse_spec(plan)
+    yield _check_spec_values(plan, spec, directory)
+    yield _check_totals(plan)
+    yield from check_solutions(plan, spec.solver if isinstance(spec, BookshelfSpec) else None)
 
 
-def solution_checks(plan: ShelfPlan, solver: ShelfSolverSpec | None) -> Iterator[Check]:
-    """The scenes and their solutions; `optimal` is judged by the gaps of `solver`."""
-    yield _faults("solution.rows", list(_row_faults(plan.solutions, plan.scenes)))
-    yield from _scene_checks(plan, solver)
+def check_solutions(plan: ShelfPlan, solver: ShelfSolverSpec | None) -> Iterator[Check]:
+    """Check the scenes and their solutions; `optimal` must be within the gaps of `solver`."""
+    yield _check_fault_count("solution.rows", list(_find_row_faults(plan.solutions, plan.scenes)))
+    yield from _check_scenes(plan, solver)
     placed = plan.solutions.placed
     if placed.any():
         check = check_placements(
-            _chosen(plan.scenes, placed),
+            _select_scenes(plan.scenes, placed),
             plan.solutions.pose[placed],
             plan.solutions.state[placed],
             plan.shelf,
             plan.meaning,
         )
         scenes = np.flatnonzero(placed)
-        yield from (_constraint(item, scenes, len(plan.scenes)) for item in check.items)
+        yield from (_build_constraint_check(item, scenes, len(plan.scenes)) for item in check.items)
 
 
-def _spec_of(plan: ShelfPlan) -> BookshelfSpec | str:
-    """The validated spec, or what is wrong with it."""
+def _parse_spec(plan: ShelfPlan) -> BookshelfSpec | str:
+    """Return the validated spec, or the message of its first mistake."""
     try:
         spec, findings = validate(parse_yaml(plan.spec_text, "spec"), BookshelfSpec)
     except SpecError as error:
@@ -113,30 +121,30 @@ def _spec_of(plan: ShelfPlan) -> BookshelfSpec | str:
     return findings[0].message if spec is None else spec
 
 
-def _spec_values(plan: ShelfPlan, spec: BookshelfSpec | str, directory: Path | None) -> Check:
-    """Shelf, scenes and the rest are the spec's; a file of scenes is read below `directory`."""
+def _check_spec_values(plan: ShelfPlan, spec: BookshelfSpec | str, directory: Path | None) -> Check:
+    """Compare the plan with its spec; a file of scenes is read from `directory`."""
     if isinstance(spec, str):
-        return _judge("file.spec_values", math.inf, spec)
-    asked, stored = shelf_of(spec.shelf), plan.shelf
-    apart = {
+        return _compare_with_limit("file.spec_values", math.inf, spec)
+    expected, stored = build_shelf(spec.shelf), plan.shelf
+    difference = {
         "seed": 0.0 if plan.seed == spec.seed else math.inf,
         "meaning": 0.0 if plan.meaning == spec.meaning else math.inf,
         "solver.method": 0.0 if plan.method == spec.solver.method else math.inf,
     }
-    for name, value in vars(asked).items():
+    for name, value in vars(expected).items():
         if name != "published":
-            apart[f"shelf.{name}"] = abs(value - vars(stored)[name])
-    for name, value in vars(asked.published).items():
-        apart[f"shelf.published.{name}"] = abs(value - vars(stored.published)[name])
+            difference[f"shelf.{name}"] = abs(value - vars(stored)[name])
+    for name, value in vars(expected.published).items():
+        difference[f"shelf.published.{name}"] = abs(value - vars(stored.published)[name])
     if spec.scene is not None:
-        apart["scene"] = _scenes_apart(plan.scenes, scenes_of_inline(spec.scene))
+        difference["scene"] = _compare_scenes(plan.scenes, build_inline_scenes(spec.scene))
     elif spec.scenes is not None and directory is not None:
         try:
-            apart["scenes"] = _scenes_apart(plan.scenes, scenes_of(spec, directory))
+            difference["scenes"] = _compare_scenes(plan.scenes, read_spec_scenes(spec, directory))
         except UsageError as error:
-            return _judge("file.spec_values", math.inf, str(error).splitlines()[0])
-    worst = max(apart, key=lambda key: apart[key])
-    check = _judge("file.spec_values", apart[worst], worst)
+            return _compare_with_limit("file.spec_values", math.inf, str(error).splitlines()[0])
+    worst = max(difference, key=lambda key: difference[key])
+    check = _compare_with_limit("file.spec_values", difference[worst], worst)
     if spec.scenes is None or directory is not None:
         return check
     where = f"scenes not compared, they are from {spec.scenes.file}: taken from the plan file"
@@ -144,95 +152,109 @@ def _spec_values(plan: ShelfPlan, spec: BookshelfSpec | str, directory: Path | N
     return replace(check, margin=where, left_out=lacks)
 
 
-def _scenes_apart(stored: Scenes, asked: Scenes) -> float:
-    theta, written = stored.theta(), asked.theta()
-    return float(np.abs(theta - written).max()) if theta.shape == written.shape else math.inf
+def _compare_scenes(stored: Scenes, expected: Scenes) -> float:
+    theta, expected_theta = stored.theta(), expected.theta()
+    return (
+        float(np.abs(theta - expected_theta).max())
+        if theta.shape == expected_theta.shape
+        else math.inf
+    )
 
 
-def _totals(plan: ShelfPlan) -> Check:
-    stored, found = plan.totals, totals_of(plan.solutions)
-    apart = {"status": 0.0 if stored.status == found.status else math.inf}
+def _check_totals(plan: ShelfPlan) -> Check:
+    stored, recomputed = plan.totals, compute_totals(plan.solutions)
+    difference = {"status": 0.0 if stored.status == recomputed.status else math.inf}
     for name in ("objective", "bound", "gap"):
-        a, b = vars(stored)[name], vars(found)[name]
+        a, b = vars(stored)[name], vars(recomputed)[name]
         if (a is None) != (b is None):
-            apart[name] = math.inf
+            difference[name] = math.inf
         elif a is not None:
-            apart[name] = abs(a - b) / max(1.0, abs(found.objective))
-    worst = max(apart, key=lambda key: math.inf if math.isnan(apart[key]) else apart[key])
-    return _judge("file.totals", apart[worst], worst)
+            difference[name] = abs(a - b) / max(1.0, abs(recomputed.objective))
+    worst = max(
+        difference, key=lambda key: math.inf if math.isnan(difference[key]) else difference[key]
+    )
+    return _compare_with_limit("file.totals", difference[worst], worst)
 
 
-def _row_faults(found: Solutions, scenes: Scenes) -> Iterator[str]:
-    """Scenes that have only part of a placement, or one that their status denies."""
-    placed, many = found.placed, len(scenes) > 1
-    nowhere = np.asarray(np.isnan(found.pose).all(axis=(1, 2)), bool)
-    known = np.asarray(((found.state >= 0) & (found.state < len(State))).all(axis=1), bool)
-    no_state = np.asarray((found.state == NO_STATE).all(axis=1), bool)
-    for k, status in enumerate(found.status):
-        said = status in ("optimal", "feasible")
+def _find_row_faults(solutions: Solutions, scenes: Scenes) -> Iterator[str]:
+    """Yield a message for each scene with part of a placement, or one that its status denies."""
+    placed, has_many = solutions.placed, len(scenes) > 1
+    has_no_pose = np.asarray(np.isnan(solutions.pose).all(axis=(1, 2)), bool)
+    is_state = np.asarray(
+        ((solutions.state >= 0) & (solutions.state < len(State))).all(axis=1), bool
+    )
+    no_state = np.asarray((solutions.state == NO_STATE).all(axis=1), bool)
+    for k, status in enumerate(solutions.status):
+        claims_placement = status in ("optimal", "feasible")
         if placed[k]:
-            whole = known[k] and 0 <= found.slot[k] <= scenes.count
-            whole = whole and math.isfinite(found.objective[k])
+            is_complete = is_state[k] and 0 <= solutions.slot[k] <= scenes.count
+            is_complete = is_complete and math.isfinite(solutions.objective[k])
         else:
-            whole = nowhere[k] and no_state[k] and found.slot[k] == NO_STATE
-            whole = whole and found.objective[k] == math.inf and bool(np.isnan(found.overlap[k]))
-        if said != placed[k] or not whole:
+            is_complete = has_no_pose[k] and no_state[k] and solutions.slot[k] == NO_STATE
+            is_complete = (
+                is_complete
+                and solutions.objective[k] == math.inf
+                and bool(np.isnan(solutions.overlap[k]))
+            )
+        if claims_placement != placed[k] or not is_complete:
             what = f"status {status}, pose {'there' if placed[k] else 'missing'}"
-            yield f"scene {k}: {what}" if many else what
+            yield f"scene {k}: {what}" if has_many else what
 
 
-def _scene_checks(plan: ShelfPlan, solver: ShelfSolverSpec | None) -> Iterator[Check]:
-    """Costs, overlaps, slots, bounds and statuses, scene by scene."""
-    found, scenes = plan.solutions, plan.scenes
-    placed = found.placed
-    cost = movement_cost(scenes, found.pose)
-    off = np.abs(found.objective - cost) / np.maximum(1.0, cost)
-    yield _worst("solution.objective", off, placed)
-    depth = worst_overlap(scenes, found.pose)
-    yield _worst("solution.overlap", np.abs(found.overlap - depth), placed)
-    elsewhere = (found.slot != slots(found.pose, scenes.sizes)).astype(float)
-    yield _worst("solution.slot", elsewhere, placed)
-    yield _worst("solution.bound", found.bound - found.objective, placed)
-    optimal = np.array([status == "optimal" for status in found.status])
+def _check_scenes(plan: ShelfPlan, solver: ShelfSolverSpec | None) -> Iterator[Check]:
+    """Check costs, overlaps, slots, bounds and statuses of all scenes."""
+    solutions, scenes = plan.solutions, plan.scenes
+    placed = solutions.placed
+    cost = compute_movement_cost(scenes, solutions.pose)
+    relative_error = np.abs(solutions.objective - cost) / np.maximum(1.0, cost)
+    yield _check_worst_scene("solution.objective", relative_error, placed)
+    depth = measure_worst_overlap(scenes, solutions.pose)
+    yield _check_worst_scene("solution.overlap", np.abs(solutions.overlap - depth), placed)
+    is_wrong_slot = (solutions.slot != find_slots(solutions.pose, scenes.sizes)).astype(float)
+    yield _check_worst_scene("solution.slot", is_wrong_slot, placed)
+    yield _check_worst_scene("solution.bound", solutions.bound - solutions.objective, placed)
+    optimal = np.array([status == "optimal" for status in solutions.status])
     if solver is not None:
-        allowed = np.maximum(solver.gap_mm2, solver.gap * found.objective)
-        gap = found.objective - found.bound - allowed * (1 + 1e-6)
-        yield _worst("solution.gap", gap, placed & optimal)
-    infeasible = np.array([status == "infeasible" for status in found.status])
+        allowed = np.maximum(solver.gap_mm2, solver.gap * solutions.objective)
+        gap = solutions.objective - solutions.bound - allowed * (1 + 1e-6)
+        yield _check_worst_scene("solution.gap", gap, placed & optimal)
+    infeasible = np.array([status == "infeasible" for status in solutions.status])
     if plan.meaning == "contact":
         fits = fit_side_by_side(scenes, plan.shelf).astype(float)
-        yield _worst("solution.infeasible", fits, infeasible)
+        yield _check_worst_scene("solution.infeasible", fits, infeasible)
 
 
-def _constraint(item: NamedResidual, scenes: NDArray[np.intp], total: int) -> Check:
-    """One constraint of the exact check; the worst scene."""
+def _build_constraint_check(item: NamedResidual, scenes: NDArray[np.intp], total: int) -> Check:
+    """Build the check of one constraint from its worst scene."""
     severity = item.severity
     worst = int(np.argmax(severity))
     residual = float(item.residual[worst])
     place = f"scene {scenes[worst]}, {item.place[worst]}" if total > 1 else item.place[worst]
-    # 1 at the limit, towards 0 the more there is to spare: tells which constraint is nearest.
+    # 1 at the limit and towards 0 with a larger margin: orders constraints by how near they are.
     passed = bool(item.passed.all())
-    used = item.limit / (2 * item.limit - residual) if passed and item.limit > 0 else 1.0
+    utilisation = item.limit / (2 * item.limit - residual) if passed and item.limit > 0 else 1.0
     unit = f" {item.unit}" if item.unit else ""
     margin = f"{residual:.2g} of {item.limit:g}{unit}" if residual > 0 else ""
-    return Check(item.name, residual, item.limit, item.unit, passed, margin, place, used)
+    return Check(item.name, residual, item.limit, item.unit, passed, margin, place, utilisation)
 
 
-def _worst(name: str, residuals: Array, rows: BoolArray) -> Check:
-    """A check over the scenes `rows`; NaN is worse than anything."""
+def _check_worst_scene(name: str, residuals: Array, rows: BoolArray) -> Check:
+    """Build the check of the worst scene among `rows`; NaN is worse than every number."""
     scenes = np.flatnonzero(rows)
     if len(scenes) == 0:
-        return _judge(name, 0.0)
+        return _compare_with_limit(name, 0.0)
     values = np.where(np.isnan(residuals[scenes]), np.inf, residuals[scenes])
     worst = int(np.argmax(values))
-    return _judge(name, float(values[worst]), f"scene {scenes[worst]}" if len(rows) > 1 else "")
+    return _compare_with_limit(
+        name, float(values[worst]), f"scene {scenes[worst]}" if len(rows) > 1 else ""
+    )
 
 
-def _faults(name: str, faults: tuple[str, ...] | list[str]) -> Check:
-    return _judge(name, float(len(faults)), faults[0] if faults else "")
+def _check_fault_count(name: str, faults: tuple[str, ...] | list[str]) -> Check:
+    return _compare_with_limit(name, float(len(faults)), faults[0] if faults else "")
 
 
-def _judge(name: str, residual: float, worst_at: str = "") -> Check:
+def _compare_with_limit(name: str, residual: float, worst_at: str = "") -> Check:
     limit = LIMITS[name]
     residual += 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
@@ -241,5 +263,5 @@ def _judge(name: str, residual: float, worst_at: str = "") -> Check:
     )
 
 
-def _chosen(scenes: Scenes, rows: BoolArray) -> Scenes:
+def _select_scenes(scenes: Scenes, rows: BoolArray) -> Scenes:
     return Scenes(scenes.pose[rows], scenes.size[rows], scenes.inserted[rows])

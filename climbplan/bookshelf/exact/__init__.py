@@ -1,1 +1,1 @@
-"""Least movement, proved: geometric branch and bound in the meaning `contact`."""
+"""Minimum movement with proof: geometric branch and bound in the meaning `contact`."""

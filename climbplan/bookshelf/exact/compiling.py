@@ -1,4 +1,4 @@
-"""The decorator of compiled functions of the exact search."""
+"""The decorator of compiled functions of the exact branch and bound."""
 
 from pathlib import Path
 

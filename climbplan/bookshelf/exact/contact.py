@@ -1,4 +1,4 @@
-"""How far apart two books may stand and still touch: closed form and proven bounds.
+"""Largest distance at which two books touch: closed form and proven upper bounds.
 
 Book i left of book j is within the contact gap of it exactly if x_j - x_i <= U(alpha_i, alpha_j).
 U is the right end of the chord that the ground line cuts from the Minkowski difference of the two
@@ -6,7 +6,7 @@ rectangles grown by the gap: the largest among the offset edges, where a corner 
 in front of a face of the other, and the discs about the differences of corners. It is also the
 least over all directions, so that any direction gives a bound: the one that U has in the middle of
 an angle box is followed over the box, turning with the book if it is a face normal and fixed if it
-runs from corner to corner. Notation and means as in `exact_pairs`. Lengths in mm.
+runs from corner to corner. Notation and methods are those of `pairs`. Lengths in mm.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.pairs import (
-    axis_numbers,
-    corner_numbers,
-    highest,
-    is_steep,
-    lowest,
-    taylor,
-    twist,
+    bound_mixed_term,
+    compute_axis_terms,
+    compute_corner_terms,
+    expand_taylor,
+    is_near_vertical,
+    maximise_sinusoid,
+    minimise_sinusoid,
 )
 
 _TINY = 1e-6  # of a direction's x component, below which it bounds nothing
@@ -32,7 +32,7 @@ _ON_FACE = 1e-9  # [mm] a corner this far past a face's end counts as in front o
 
 
 @compiled
-def contact_end(
+def compute_contact_distance(
     side_i: float,
     width_i: float,
     height_i: float,
@@ -43,37 +43,40 @@ def contact_end(
     box_j: Array,
     gap: float,
 ) -> tuple[float, int, float, float]:
-    """U in the middle of the boxes; the face normal it has (0, 1 of i, 2, 3 of j) or 4 and the
-    direction from corner to corner."""
+    """Compute U in the middle of the boxes.
+
+    Returns U, the face normal that gives it (0, 1 of i, 2, 3 of j; 4 for two corners), and the
+    direction from corner to corner.
+    """
     end, feature, nx, ny = -np.inf, -1, 1.0, 0.0
     for axis in range(4):
         if axis < 2:
-            here = _edge_end(
+            candidate = _compute_edge_contact(
                 axis, side_i, width_i, height_i, box_i, side_j, width_j, height_j, box_j, gap
             )
         else:
-            here = _edge_end(
+            candidate = _compute_edge_contact(
                 axis - 2, -side_j, width_j, height_j, box_j, -side_i, width_i, height_i, box_i, gap
             )
-        if here > end:
-            end, feature = here, axis
+        if candidate > end:
+            end, feature = candidate, axis
     for v in range(4):
-        p, q, u, w = corner_numbers(v, side_i, width_i, height_i)
+        p, q, u, w = compute_corner_terms(v, side_i, width_i, height_i)
         x_i = -(p * box_i[2] + q * box_i[3])
         y_i = u * box_i[2] + w * box_i[3]
         for k in range(4):
-            p, q, u, w = corner_numbers(k, side_j, width_j, height_j)
+            p, q, u, w = compute_corner_terms(k, side_j, width_j, height_j)
             y = u * box_j[2] + w * box_j[3] - y_i
             if abs(y) < gap:
                 x = math.sqrt(gap * gap - y * y)
-                here = x_i + p * box_j[2] + q * box_j[3] + x
-                if here > end + _ON_FACE:
-                    end, feature, nx, ny = here, 4, x / gap, y / gap
+                candidate = x_i + p * box_j[2] + q * box_j[3] + x
+                if candidate > end + _ON_FACE:
+                    end, feature, nx, ny = candidate, 4, x / gap, y / gap
     return end, feature, nx, ny
 
 
 @compiled
-def _edge_end(
+def _compute_edge_contact(
     which: int,
     side: float,
     width: float,
@@ -85,8 +88,8 @@ def _edge_end(
     other_box: Array,
     gap: float,
 ) -> float:
-    """Largest x_j - x_i with a corner of the other book in front of a face, `gap` away from it."""
-    axis = axis_numbers(which, side, width, height, box, gap)
+    """Compute the largest x_j - x_i with a corner of the other book `gap` in front of a face."""
+    axis = compute_axis_terms(which, side, width, height, box, gap)
     sec, _, foot, _, _, _ = axis
     if sec[1] > 1e9:
         return -np.inf
@@ -95,9 +98,9 @@ def _edge_end(
     tx, ty, length = (-side * s, c, height) if which == 0 else (side * c, s, width)
     end = -np.inf
     for v in range(4):
-        corner = corner_numbers(v, other_side, other_width, other_height)
+        corner = compute_corner_terms(v, other_side, other_width, other_height)
         p, q, u, w = corner
-        x, _, _ = taylor(axis, side, corner, other_box)
+        x, _, _ = expand_taylor(axis, side, corner, other_box)
         ahead = x - foot[1] - (p * other_box[2] + q * other_box[3])
         along = tx * ahead + ty * (u * other_box[2] + w * other_box[3])
         if -_ON_FACE <= along <= length + _ON_FACE:
@@ -106,7 +109,7 @@ def _edge_end(
 
 
 @compiled
-def _turning_ceiling(
+def _bound_turning_normal(
     which: int,
     side: float,
     width: float,
@@ -118,27 +121,29 @@ def _turning_ceiling(
     other_box: Array,
     gap: float,
 ) -> tuple[float, float, float]:
-    """Plane above E + gap / nx of one face normal: E + gap / nx <= p + g da + h db."""
-    axis = axis_numbers(which, side, width, height, box, gap)
+    """Bound E + gap / nx of one face normal by a plane above it: p + g da + h db."""
+    axis = compute_axis_terms(which, side, width, height, box, gap)
     sec, tan, foot, face, turn, _ = axis
     r, other_r = box[6], other_box[6]
     low = min(sec[0], sec[2]), min(tan[0], tan[2])
     high = max(sec[0], sec[2]), max(tan[0], tan[2])
-    own_bend = face * high[0] * (high[0] * high[0] + high[1] * high[1]) - min(foot[0], foot[2])
+    face_curvature = face * high[0] * (high[0] * high[0] + high[1] * high[1]) - min(
+        foot[0], foot[2]
+    )
     slope = min(turn * tan[0], turn * tan[2])
     corner_00 = corner_01 = corner_10 = corner_11 = -np.inf
     for v in range(4):
-        corner = corner_numbers(v, other_side, other_width, other_height)
+        corner = compute_corner_terms(v, other_side, other_width, other_height)
         p, q, u, w = corner
-        value, g, h = taylor(axis, side, corner, other_box)
-        bend = own_bend
+        value, g, h = expand_taylor(axis, side, corner, other_box)
+        curvature = face_curvature
         if turn > 0:
-            bend += 2 * high[1] * high[0] * high[0] * highest(u, w, other_box)
+            curvature += 2 * high[1] * high[0] * high[0] * maximise_sinusoid(u, w, other_box)
         else:
-            bend -= 2 * low[1] * low[0] * low[0] * lowest(u, w, other_box)
-        other_bend = -lowest(p + slope * u, q + slope * w, other_box)
-        value += 0.5 * (max(0.0, bend) * r * r + max(0.0, other_bend) * other_r * other_r)
-        value += twist(axis, corner, r, other_box)
+            curvature -= 2 * low[1] * low[0] * low[0] * minimise_sinusoid(u, w, other_box)
+        other_curvature = -minimise_sinusoid(p + slope * u, q + slope * w, other_box)
+        value += 0.5 * (max(0.0, curvature) * r * r + max(0.0, other_curvature) * other_r * other_r)
+        value += bound_mixed_term(axis, corner, r, other_box)
         # The largest of planes is convex: a plane above its corner values is above it.
         corner_00 = max(corner_00, value - g * r - h * other_r)
         corner_01 = max(corner_01, value - g * r + h * other_r)
@@ -154,7 +159,7 @@ def _turning_ceiling(
 
 
 @compiled
-def _turning_most(
+def _bound_turning_normal_constant(
     which: int,
     side: float,
     width: float,
@@ -166,37 +171,39 @@ def _turning_most(
     other_box: Array,
     gap: float,
 ) -> float:
-    """Constant above E + gap / nx, for normals too near the vertical for planes."""
-    sec, tan, foot, face, turn, _ = axis_numbers(which, side, width, height, box, gap)
+    """Bound E + gap / nx from above by a constant, for normals too near the vertical for planes."""
+    sec, tan, foot, face, turn, _ = compute_axis_terms(which, side, width, height, box, gap)
     # Both are monotone; their sum need not be, as the gap is part of the face's distance.
-    own = face * max(sec[0], sec[2]) + max(foot[0], foot[2])
+    face_term = face * max(sec[0], sec[2]) + max(foot[0], foot[2])
     slope = max(turn * tan[0], turn * tan[2])
-    most = -np.inf
+    upper_bound = -np.inf
     for v in range(4):
-        p, q, u, w = corner_numbers(v, other_side, other_width, other_height)
+        p, q, u, w = compute_corner_terms(v, other_side, other_width, other_height)
         # Y_v >= 0, so that B_v + T Y_v is largest at the largest T.
-        most = max(most, own + highest(p + slope * u, q + slope * w, other_box))
-    return most
+        upper_bound = max(
+            upper_bound, face_term + maximise_sinusoid(p + slope * u, q + slope * w, other_box)
+        )
+    return upper_bound
 
 
 @compiled
-def _reach_ceiling(
+def _bound_fixed_normal(
     nx: float, ny: float, side: float, width: float, height: float, box: Array
 ) -> tuple[float, float]:
-    """Line above the largest nx X + ny Y of a book's corners over its angle box."""
+    """Bound the largest nx X + ny Y of a book's corners over its angle box by a line above it."""
     r = box[6]
     first = last = -np.inf
     for v in range(4):
-        p, q, u, w = corner_numbers(v, side, width, height)
+        p, q, u, w = compute_corner_terms(v, side, width, height)
         a, b = ny * u - nx * p, ny * w - nx * q
-        value = a * box[2] + b * box[3] + 0.5 * max(0.0, -lowest(a, b, box)) * r * r
+        value = a * box[2] + b * box[3] + 0.5 * max(0.0, -minimise_sinusoid(a, b, box)) * r * r
         slope = (a * box[3] - b * box[2]) * r
         first, last = max(first, value - slope), max(last, value + slope)
     return 0.5 * (first + last), (0.5 * (last - first) / r if r > 0 else 0.0)
 
 
 @compiled
-def pair_ceiling(
+def bound_contact_distance(
     side_i: float,
     width_i: float,
     height_i: float,
@@ -207,40 +214,43 @@ def pair_ceiling(
     box_j: Array,
     gap: float,
 ) -> tuple[float, float, float]:
-    """Plane above U for book i left of book j: U <= p + g da_i + h db_j; U itself without width."""
-    end, feature, nx, ny = contact_end(
+    """Bound U for book i left of book j: U <= p + g da_i + h db_j.
+
+    For boxes without width p is U itself.
+    """
+    end, feature, nx, ny = compute_contact_distance(
         side_i, width_i, height_i, box_i, side_j, width_j, height_j, box_j, gap
     )
     if box_i[6] == 0.0 and box_j[6] == 0.0:
         return end, 0.0, 0.0
-    most = np.inf
+    constant = np.inf
     if feature < 2:
-        if not is_steep(axis_numbers(feature, side_i, width_i, height_i, box_i, gap)):
-            return _turning_ceiling(
+        if not is_near_vertical(compute_axis_terms(feature, side_i, width_i, height_i, box_i, gap)):
+            return _bound_turning_normal(
                 feature, side_i, width_i, height_i, box_i, side_j, width_j, height_j, box_j, gap
             )
-        most = _turning_most(
+        constant = _bound_turning_normal_constant(
             feature, side_i, width_i, height_i, box_i, side_j, width_j, height_j, box_j, gap
         )
     elif feature < 4:
         which = feature - 2
-        if not is_steep(axis_numbers(which, side_j, width_j, height_j, box_j, gap)):
-            p, h, g = _turning_ceiling(
+        if not is_near_vertical(compute_axis_terms(which, side_j, width_j, height_j, box_j, gap)):
+            p, h, g = _bound_turning_normal(
                 which, -side_j, width_j, height_j, box_j, -side_i, width_i, height_i, box_i, gap
             )
             return p, g, h
-        most = _turning_most(
+        constant = _bound_turning_normal_constant(
             which, -side_j, width_j, height_j, box_j, -side_i, width_i, height_i, box_i, gap
         )
-    # Any direction will do: the horizontal one, or the one from corner to corner.
-    p_i, g = _reach_ceiling(1.0, 0.0, side_i, width_i, height_i, box_i)
-    p_j, h = _reach_ceiling(1.0, 0.0, -side_j, width_j, height_j, box_j)
+    # Every direction gives a bound: the horizontal one, or the one from corner to corner.
+    p_i, g = _bound_fixed_normal(1.0, 0.0, side_i, width_i, height_i, box_i)
+    p_j, h = _bound_fixed_normal(1.0, 0.0, -side_j, width_j, height_j, box_j)
     p = p_i + p_j + gap
     if feature == 4 and nx > _TINY:
-        p_i, own = _reach_ceiling(nx, ny, side_i, width_i, height_i, box_i)
-        p_j, other = _reach_ceiling(nx, -ny, -side_j, width_j, height_j, box_j)
+        p_i, slope_i = _bound_fixed_normal(nx, ny, side_i, width_i, height_i, box_i)
+        p_j, slope_j = _bound_fixed_normal(nx, -ny, -side_j, width_j, height_j, box_j)
         if p_i + p_j + gap < p * nx:
-            p, g, h = (p_i + p_j + gap) / nx, own / nx, other / nx
-    if most < p:
-        return most, 0.0, 0.0
+            p, g, h = (p_i + p_j + gap) / nx, slope_i / nx, slope_j / nx
+    if constant < p:
+        return constant, 0.0, 0.0
     return p, g, h

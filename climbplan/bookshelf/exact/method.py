@@ -1,9 +1,9 @@
-"""Least movement, proved: geometric branch and bound in the meaning `contact`.
+"""Minimum movement with proof: spatial branch and bound in the meaning `contact`.
 
-Every book stands on the ground, so that a state and a tilt give its height; non-overlap and contact
-at given tilts are bounds on differences of centres, and a least-distance program in the centres
-remains. Slots, states and tilts are searched with bounds that hold for the exact problem
-(`exact_pairs`, `exact_contact`, `exact_relax`).
+Every book stands on the ground, and its state and tilt give its height. At given tilts, non-overlap
+and contact are bounds on differences of centres. A least-distance program in the centres remains.
+Slots, states and tilts are searched with bounds that hold for the exact problem (`pairs`,
+`contact`, `relaxation`).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from functools import cache
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.bookshelf.exact.pairs import box_row, pair_floor
+from climbplan.bookshelf.exact.pairs import bound_pair_separation, fill_angle_box
 from climbplan.bookshelf.exact.problem import (
     ALLOWED,
     FLAT,
@@ -29,10 +29,9 @@ from climbplan.bookshelf.exact.problem import (
     WIDTH,
     Problem,
     build_problem,
-    side_of,
+    select_side,
 )
-from climbplan.bookshelf.exact.search import FINISHED, FULL, advance
-from climbplan.bookshelf.exact.sheet import Sheet, new_sheet
+from climbplan.bookshelf.exact.search import FINISHED, FULL, expand_nodes
 from climbplan.bookshelf.exact.tree import (
     BEST_SLOT,
     COST,
@@ -41,14 +40,15 @@ from climbplan.bookshelf.exact.tree import (
     PLACEMENTS,
     UNUSED,
     Tree,
-    grown,
-    least_bound,
-    new_tree,
-    offer_narrow,
-    plant,
+    compute_lower_bound,
+    create_tree,
+    grow_tree,
+    insert_roots,
+    insert_side_by_side_roots,
 )
+from climbplan.bookshelf.exact.workspace import NodeWorkspace, create_workspace
 from climbplan.bookshelf.plan.answer import Placement, SceneAnswer, Shortage, Status
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State, movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State, compute_movement_cost
 
 _CAPACITY = 1024  # nodes of a new tree
 _LARGE = 65536  # a tree that has grown beyond is not used again: it takes long to empty
@@ -60,7 +60,7 @@ _WIDTH_STEP = 2e-5  # [m] to which a missing width is found
 
 @dataclass(frozen=True)
 class ExactLimits:
-    """When a search ends."""
+    """Termination criteria of a search."""
 
     gap_absolute: float = 0.01  # [mm^2]
     gap_relative: float = 1e-4
@@ -77,19 +77,25 @@ def compile_once() -> None:
 
 
 class ExactSolver:
-    """Solves scenes one after the other, keeping its space; not for several threads at once."""
+    """Solves scenes one after the other with reused memory; not thread-safe."""
 
     def __init__(self, shelf: Shelf, limits: ExactLimits | None = None, depth: float = 0.0) -> None:
-        """depth: by which books may penetrate each other [m], for comparisons with placements that
-        do; then the check of the meaning has to be given as much."""
+        """Create a solver of scenes on one shelf.
+
+        Args:
+            shelf: walls, clear height and contact gaps.
+            limits: termination criteria; the defaults if left out.
+            depth: permitted penetration of books [m], for comparisons with placements that overlap.
+                The check of the meaning then needs the same tolerance.
+        """
         self.shelf = shelf
         self.depth = depth
         self.limits = limits or ExactLimits()
-        self._sheets: dict[int, Sheet] = {}
+        self._workspaces: dict[int, NodeWorkspace] = {}
         self._trees: dict[int, Tree] = {}
 
     def solve(self, scene: Scene, time_limit: float | None = None) -> SceneAnswer:
-        """The placement of least movement; time_limit: [s] that of the limits if left out.
+        """Return the placement of minimum movement; time_limit: [s] that of the limits if left out.
 
         Raises:
             UsageError: sizes or poses that cannot be those of books.
@@ -107,22 +113,22 @@ class ExactSolver:
         placement = shortage = None
         nodes = placements = 0
         if (problem.book[:, ALLOWED] == 0).any():
-            shortage = self._missing_height(problem)
+            shortage = self._compute_missing_height(problem)
         else:
             tree, finished = self._search(
                 problem, limits.gap_absolute, limits.gap_relative, start + time_limit
             )
-            nodes, placements = int(tree.tally[NODES]), int(tree.tally[PLACEMENTS])
-            bound = least_bound(tree)
+            nodes, placements = int(tree.counters[NODES]), int(tree.counters[PLACEMENTS])
+            bound = compute_lower_bound(tree)
             if math.isfinite(tree.best[COST]):
-                placement = _placement(problem, tree)
-                objective = float(movement_cost(scenes, placement.pose[None])[0])
+                placement = _extract_placement(problem, tree)
+                objective = float(compute_movement_cost(scenes, placement.pose[None])[0])
                 bound = min(bound, objective)
                 allowed = max(limits.gap_absolute, limits.gap_relative * objective)
                 status = "optimal" if objective - bound <= allowed * (1 + 1e-6) else "feasible"
             elif finished:
                 bound = math.inf
-                shortage = self._missing_width(scene, start + time_limit)
+                shortage = self._find_missing_width(scene, start + time_limit)
             else:
                 status = "limit"
         seconds = time.perf_counter() - start
@@ -133,7 +139,7 @@ class ExactSolver:
     def solve_all(
         self, scenes: Scenes, progress: Callable[[int], None] | None = None
     ) -> list[SceneAnswer]:
-        """Answers to all scenes; `progress` is called with the number done."""
+        """Solve all scenes; `progress` is called with the number of solved ones."""
         answers = []
         for scene in scenes:
             answers.append(self.solve(scene))
@@ -144,14 +150,14 @@ class ExactSolver:
     def _search(
         self, problem: Problem, absolute: float, relative: float, end: float
     ) -> tuple[Tree, bool]:
-        """The tree after the search, and whether it was finished."""
+        """Search a problem; returns the tree, and whether the search was completed."""
         n = problem.stored
-        if n not in self._sheets:
-            self._sheets[n] = new_sheet(n)
+        if n not in self._workspaces:
+            self._workspaces[n] = create_workspace(n)
         if n not in self._trees or len(self._trees[n].pool) > _LARGE:
-            self._trees[n] = new_tree(n, max(_CAPACITY, 8 * (n + 1)))
-        sheet, tree = self._sheets[n], self._trees[n]
-        plant(problem, tree)
+            self._trees[n] = create_tree(n, max(_CAPACITY, 8 * (n + 1)))
+        work, tree = self._workspaces[n], self._trees[n]
+        insert_roots(problem, tree)
         begin = time.perf_counter()
         narrow_time = begin + _NARROW_FRACTION * (end - begin)
         num_split, num_before_narrow, chunk = 0, 4 * (n + 1), 1
@@ -160,62 +166,62 @@ class ExactSolver:
             if not is_narrow_offered:
                 chunk = min(chunk, num_before_narrow - num_split)
             before = time.perf_counter()
-            state = advance(problem, sheet, tree, absolute, relative, chunk)
+            state = expand_nodes(problem, work, tree, absolute, relative, chunk)
             if state == FINISHED:
                 return tree, True
             now = time.perf_counter()
-            if now > end or tree.tally[NODES] > self.limits.nodes:
+            if now > end or tree.counters[NODES] > self.limits.nodes:
                 return tree, False
             num_split += chunk
             if state == FULL:
-                self._trees[n] = tree = grown(tree)
+                self._trees[n] = tree = grow_tree(tree)
             if not is_narrow_offered and (num_split >= num_before_narrow or now > narrow_time):
                 is_narrow_offered = True
                 if not math.isfinite(tree.best[COST]):
-                    while tree.tally[UNUSED] < n + 1:
-                        self._trees[n] = tree = grown(tree)
-                    offer_narrow(problem, tree)
+                    while tree.counters[UNUSED] < n + 1:
+                        self._trees[n] = tree = grow_tree(tree)
+                    insert_side_by_side_roots(problem, tree)
             chunk = min(2 * chunk, _CHUNK) if now - before < _LOOK else max(chunk // 2, 1)
 
-    def _missing_height(self, problem: Problem) -> Shortage:
-        """What the clear height misses for the book that fits neither upright nor flat."""
-        least = problem.book[:, [HEIGHT, WIDTH]].min(axis=1)
-        return Shortage(0.0, 0.0, 1e-3 * float(least.max()) - self.shelf.height)
+    def _compute_missing_height(self, problem: Problem) -> Shortage:
+        """Compute the missing clear height for the book that fits neither upright nor flat."""
+        smaller_side = problem.book[:, [HEIGHT, WIDTH]].min(axis=1)
+        return Shortage(0.0, 0.0, 1e-3 * float(smaller_side.max()) - self.shelf.height)
 
-    def _missing_width(self, scene: Scene, end: float) -> Shortage:
-        """How much wider the shelf would have to be.
+    def _find_missing_width(self, scene: Scene, end: float) -> Shortage:
+        """Find the missing width of the shelf by bisection.
 
-        A wider shelf keeps every placement, as some gap between books needs no contact: bisection
-        between widths that are proved too little and enough. Books side by side are enough, and
-        nearly always the least.
+        A wider shelf keeps every placement, as some gap between books needs no contact. Bisection
+        therefore separates widths that are proved insufficient from sufficient ones. The width of
+        all books side by side is sufficient, and nearly always the smallest.
         """
         shelf, book = self.shelf, build_problem(scene, self.shelf).book
         fits = book[:, ALLOWED].astype(np.int64)
         flat = np.where(fits & 1 << FLAT, book[:, HEIGHT], math.inf)
         upright = np.where(fits & 1 << UPRIGHT, book[:, WIDTH], math.inf)
-        enough = 1e-3 * float(np.minimum(flat, upright).sum()) - shelf.width
-        short, trial = 0.0, enough - _WIDTH_STEP
-        while enough - short > 1.001 * _WIDTH_STEP:
+        sufficient_width = 1e-3 * float(np.minimum(flat, upright).sum()) - shelf.width
+        insufficient_width, trial = 0.0, sufficient_width - _WIDTH_STEP
+        while sufficient_width - insufficient_width > 1.001 * _WIDTH_STEP:
             wider = build_problem(scene, replace(shelf, right=shelf.right + trial), self.depth)
             tree, finished = self._search(wider, math.inf, 0.0, end)  # any placement will do
             if math.isfinite(tree.best[COST]):
-                enough = trial
+                sufficient_width = trial
             elif finished:
-                short = trial
+                insufficient_width = trial
             else:
                 break
-            trial = 0.5 * (short + enough)
-        return Shortage(enough, short, 0.0)
+            trial = 0.5 * (insufficient_width + sufficient_width)
+        return Shortage(sufficient_width, insufficient_width, 0.0)
 
 
-def _placement(problem: Problem, tree: Tree) -> Placement:
-    """The incumbent, with the inserted book in the middle of its free interval."""
+def _extract_placement(problem: Problem, tree: Tree) -> Placement:
+    """Extract the incumbent, with the inserted book in the middle of its free interval."""
     n, book = problem.stored, problem.book
     x, tilt = np.append(tree.best[PLACE : PLACE + n], 0.0), np.zeros(n + 1)
     state, side = np.zeros(n + 1, np.int64), np.ones(n + 1)
     for k in range(n + 1):
         inner = int(tree.best_mask[k]).bit_length() - 1
-        side[k], state[k] = side_of(inner), State.UPRIGHT
+        side[k], state[k] = select_side(inner), State.UPRIGHT
         if inner in (LEAN_LEFT, LEAN_RIGHT):
             tilt[k] = tree.best[PLACE + n + k]
             state[k] = State.LEAN_LEFT if inner == LEAN_LEFT else State.LEAN_RIGHT
@@ -223,30 +229,30 @@ def _placement(problem: Problem, tree: Tree) -> Placement:
             tilt[k] = math.pi / 2
             side[k] = 1.0 if k == n or book[k, LEANS_LEFT] > 0 else -1.0
             state[k] = State.FLAT_LEFT if side[k] > 0 else State.FLAT_RIGHT
-    slot = int(tree.tally[BEST_SLOT])
-    x[n] = _free_middle(problem, slot, x, side, tilt)
+    slot = int(tree.counters[BEST_SLOT])
+    x[n] = _find_free_middle(problem, slot, x, side, tilt)
     y = (book[:, WIDTH] * np.sin(tilt) + book[:, HEIGHT] * np.cos(tilt)) / 2
     pose = np.stack([1e-3 * x, 1e-3 * y, side * tilt], axis=1)
     return Placement(pose, state, slot)
 
 
-def _free_middle(problem: Problem, slot: int, x: Array, side: Array, tilt: Array) -> float:
-    """Middle of where the inserted book's centre may be."""
+def _find_free_middle(problem: Problem, slot: int, x: Array, side: Array, tilt: Array) -> float:
+    """Find the middle of the interval in which the inserted book's centre is feasible."""
     n, book = problem.stored, problem.book
     boxes = np.zeros((n + 1, 7))
     for k in range(n + 1):
-        box_row(tilt[k], tilt[k], boxes[k])
-    own = (book[n, HEIGHT] * math.sin(tilt[n]) + book[n, WIDTH] * math.cos(tilt[n])) / 2
-    low, high = problem.left + own, problem.right - own
+        fill_angle_box(tilt[k], tilt[k], boxes[k])
+    half_width = (book[n, HEIGHT] * math.sin(tilt[n]) + book[n, WIDTH] * math.cos(tilt[n])) / 2
+    low, high = problem.left + half_width, problem.right - half_width
     for k in range(n):
         i, j = (k, n) if k < slot else (n, k)
-        apart = pair_floor(
+        min_distance = bound_pair_separation(
             side[i], book[i, WIDTH], book[i, HEIGHT], boxes[i],
             side[j], book[j, WIDTH], book[j, HEIGHT], boxes[j], 0.0,
             problem.depth,
         )[0]  # fmt: skip
         if k < slot:
-            low = max(low, x[k] + apart)
+            low = max(low, x[k] + min_distance)
         else:
-            high = min(high, x[k] - apart)
+            high = min(high, x[k] - min_distance)
     return 0.5 * (low + high)

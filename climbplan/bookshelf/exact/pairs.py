@@ -1,4 +1,4 @@
-"""How near two books that stand on the ground may come: closed form and proven bounds.
+"""Smallest separation of two books on the ground: closed form and proven lower bounds.
 
 A book tilted by alpha in [0, pi/2] to the side s (+1 left, -1 right; upright is alpha = 0, flat is
 alpha = pi/2) touches the ground with one bottom corner, its foot. Book i is left of book j without
@@ -47,8 +47,8 @@ AxisNumbers = tuple[
 
 
 @compiled
-def box_row(low: float, high: float, row: Array) -> None:
-    """Fill `row` (7,) with the trigonometry of the angle box [low, high]."""
+def fill_angle_box(low: float, high: float, row: Array) -> None:
+    """Fill `row` (7,) with sines and cosines of the angle box [low, high]."""
     middle = 0.5 * (low + high)
     row[0], row[1] = math.sin(low), math.cos(low)
     row[2], row[3] = math.sin(middle), math.cos(middle)
@@ -57,8 +57,8 @@ def box_row(low: float, high: float, row: Array) -> None:
 
 
 @compiled
-def highest(p: float, q: float, box: Array) -> float:
-    """Largest value of p sin + q cos over an angle box within [0, pi/2]."""
+def maximise_sinusoid(p: float, q: float, box: Array) -> float:
+    """Return the largest value of p sin + q cos over an angle box within [0, pi/2]."""
     top = max(p * box[0] + q * box[1], p * box[4] + q * box[5])
     # The derivative p cos - q sin changes sign inside the box.
     if p > 0 and q > 0 and p * box[1] > q * box[0] and p * box[5] < q * box[4]:
@@ -67,14 +67,17 @@ def highest(p: float, q: float, box: Array) -> float:
 
 
 @compiled
-def lowest(p: float, q: float, box: Array) -> float:
-    """Least value of p sin + q cos over an angle box within [0, pi/2]."""
-    return -highest(-p, -q, box)
+def minimise_sinusoid(p: float, q: float, box: Array) -> float:
+    """Return the smallest value of p sin + q cos over an angle box within [0, pi/2]."""
+    return -maximise_sinusoid(-p, -q, box)
 
 
 @compiled
-def corner_numbers(v: int, side: float, width: float, height: float) -> CornerNumbers:
-    """p, q of B_v and of Y_v for corner v: foot, far end of the height, of the width, opposite."""
+def compute_corner_terms(v: int, side: float, width: float, height: float) -> CornerNumbers:
+    """Compute p, q of B_v and of Y_v for a corner.
+
+    v: 0 the foot, 1 the far end of the height, 2 the far end of the width, 3 the opposite corner.
+    """
     up = 1.0 if v == 1 or v == 3 else -1.0
     across = -1.0 if v == 2 or v == 3 else 1.0
     return (
@@ -86,10 +89,10 @@ def corner_numbers(v: int, side: float, width: float, height: float) -> CornerNu
 
 
 @compiled
-def axis_numbers(
+def compute_axis_terms(
     which: int, side: float, width: float, height: float, box: Array, extra: float
 ) -> AxisNumbers:
-    """What (*) needs of one right-pointing face normal over an angle box.
+    """Compute the terms of (*) for one right-pointing face normal over an angle box.
 
     `which` 0 is the face along the height (normal cos alpha, +-sin alpha), 1 the face along the
     width (normal sin alpha, -+cos alpha), which is the first one for pi/2 - alpha. `extra` is
@@ -120,30 +123,30 @@ def axis_numbers(
 
 
 @compiled
-def is_steep(axis: AxisNumbers) -> bool:
-    """Whether the normal is so near the vertical somewhere on the box that planes are of no use."""
+def is_near_vertical(axis: AxisNumbers) -> bool:
+    """Return whether the normal comes so near to the vertical that planes are not tight."""
     sec, _, _, _, _, _ = axis
     return max(sec[0], sec[2]) * _STEEP > 1
 
 
 @compiled
-def taylor(
+def expand_taylor(
     axis: AxisNumbers, side: float, corner: CornerNumbers, other_box: Array
 ) -> tuple[float, float, float]:
-    """Value and derivatives of P_v by both tilts in the middle of the boxes."""
+    """Expand P_v to first order in both tilts about the middle of the boxes."""
     sec, tan, foot, face, turn, sigma = axis
     p, q, u, w = corner
     s, c = other_box[2], other_box[3]
     slope = turn * tan[1]
     value = face * sec[1] + foot[1] + (p + slope * u) * s + (q + slope * w) * c
-    own = sigma * face * sec[1] * tan[1] + foot[3] - side * sec[1] * sec[1] * (u * s + w * c)
-    other = (p + slope * u) * c - (q + slope * w) * s
-    return value, own, other
+    tilt_slope = sigma * face * sec[1] * tan[1] + foot[3] - side * sec[1] * sec[1] * (u * s + w * c)
+    other_tilt_slope = (p + slope * u) * c - (q + slope * w) * s
+    return value, tilt_slope, other_tilt_slope
 
 
 @compiled
-def twist(axis: AxisNumbers, corner: CornerNumbers, r: float, other_box: Array) -> float:
-    """Largest size of the mixed second-order term of P_v on the boxes."""
+def bound_mixed_term(axis: AxisNumbers, corner: CornerNumbers, r: float, other_box: Array) -> float:
+    """Bound the absolute mixed second-order term of P_v on the boxes."""
     sec, _, _, _, _, _ = axis
     _, _, u, w = corner
     largest = max(sec[0], sec[2])
@@ -154,7 +157,7 @@ def twist(axis: AxisNumbers, corner: CornerNumbers, r: float, other_box: Array) 
 
 
 @compiled
-def axis_floor(
+def bound_axis_separation(
     which: int,
     side: float,
     width: float,
@@ -167,63 +170,63 @@ def axis_floor(
     aim: float,
     depth: float,
 ) -> tuple[float, float, float, float]:
-    """Constant and plane below E of one face normal: E >= k, E >= p + g da + h db on the boxes.
+    """Bound E of one face normal from below: E >= k, E >= p + g da + h db on the boxes.
 
     da, db are the differences of the own and of the other tilt from the boxes' middles. The plane
     is that of one corner v: the one with the largest P_v in the middle of the boxes, or for `aim`
     1 or -1 where the own tilt is largest and the other least, or the other way round.
     """
-    axis = axis_numbers(which, side, width, height, box, -depth)
+    axis = compute_axis_terms(which, side, width, height, box, -depth)
     sec, tan, foot, face, turn, _ = axis
-    own = min(face * sec[0] + foot[0], face * sec[2] + foot[2])  # A + s c is monotone
+    face_term = min(face * sec[0] + foot[0], face * sec[2] + foot[2])  # A + s c is monotone
     if face < 0:  # only A and s c each are
-        own = min(face * sec[0], face * sec[2]) + min(foot[0], foot[2])
+        face_term = min(face * sec[0], face * sec[2]) + min(foot[0], foot[2])
     slope = min(turn * tan[0], turn * tan[2])
-    at, s, c = turn * tan[1], other_box[2], other_box[3]
+    tangent, s, c = turn * tan[1], other_box[2], other_box[3]
     if aim > 0:
-        at, s, c = turn * tan[2], other_box[0], other_box[1]
+        tangent, s, c = turn * tan[2], other_box[0], other_box[1]
     elif aim < 0:
-        at, s, c = turn * tan[0], other_box[4], other_box[5]
+        tangent, s, c = turn * tan[0], other_box[4], other_box[5]
     constant, best, value = -np.inf, 0, -np.inf
     for v in range(4):
-        p, q, u, w = corner_numbers(v, other_side, other_width, other_height)
+        p, q, u, w = compute_corner_terms(v, other_side, other_width, other_height)
         # Y_v >= 0, so that B_v + T Y_v is least at the least T.
-        start = own
-        if turn > 0 and depth > 0 and lowest(u, w, other_box) >= depth:
+        start = face_term
+        if turn > 0 and depth > 0 and minimise_sinusoid(u, w, other_box) >= depth:
             # The face goes through the foot: A + T Y_v = |T| Y_v - depth / nx grows with |T|.
             start = -depth * min(sec[0], sec[2]) + min(foot[0], foot[2])
-        constant = max(constant, start + lowest(p + slope * u, q + slope * w, other_box))
-        here = (p + at * u) * s + (q + at * w) * c
-        if here > value:
-            best, value = v, here
-    if is_steep(axis):
+        constant = max(constant, start + minimise_sinusoid(p + slope * u, q + slope * w, other_box))
+        candidate = (p + tangent * u) * s + (q + tangent * w) * c
+        if candidate > value:
+            best, value = v, candidate
+    if is_near_vertical(axis):
         return constant, -np.inf, 0.0, 0.0
 
-    corner = corner_numbers(best, other_side, other_width, other_height)
+    corner = compute_corner_terms(best, other_side, other_width, other_height)
     p, q, u, w = corner
-    plane, g, h = taylor(axis, side, corner, other_box)
+    plane, g, h = expand_taylor(axis, side, corner, other_box)
     low = min(sec[0], sec[2]), min(tan[0], tan[2])
     high = max(sec[0], sec[2]), max(tan[0], tan[2])
     # Least second derivatives: T'' = 2 turn |T| / nx^2, Y_v'' = -Y_v, (s c)'' = -s c.
     end = low if face >= 0 else high
-    bend = face * end[0] * (end[0] * end[0] + end[1] * end[1]) - max(foot[0], foot[2])
-    if turn > 0 and depth > 0 and lowest(u, w, other_box) >= depth:
+    curvature = face * end[0] * (end[0] * end[0] + end[1] * end[1]) - max(foot[0], foot[2])
+    if turn > 0 and depth > 0 and minimise_sinusoid(u, w, other_box) >= depth:
         # T'' (Y_v - depth) and, of T'' depth + A'', - depth / nx / (1 / nx + |T|)^2
-        bend = -depth * low[0] / (low[0] + low[1]) ** 2 - max(foot[0], foot[2])
-        bend += 2 * low[1] * low[0] * low[0] * (lowest(u, w, other_box) - depth)
+        curvature = -depth * low[0] / (low[0] + low[1]) ** 2 - max(foot[0], foot[2])
+        curvature += 2 * low[1] * low[0] * low[0] * (minimise_sinusoid(u, w, other_box) - depth)
     elif turn > 0:
-        bend += 2 * low[1] * low[0] * low[0] * lowest(u, w, other_box)
+        curvature += 2 * low[1] * low[0] * low[0] * minimise_sinusoid(u, w, other_box)
     else:
-        bend -= 2 * high[1] * high[0] * high[0] * highest(u, w, other_box)
+        curvature -= 2 * high[1] * high[0] * high[0] * maximise_sinusoid(u, w, other_box)
     slope = max(turn * tan[0], turn * tan[2])
-    other_bend = -highest(p + slope * u, q + slope * w, other_box)
+    other_curvature = -maximise_sinusoid(p + slope * u, q + slope * w, other_box)
     r, other_r = box[6], other_box[6]
-    plane += 0.5 * (min(0.0, bend) * r * r + min(0.0, other_bend) * other_r * other_r)
-    return constant, plane - twist(axis, corner, r, other_box), g, h
+    plane += 0.5 * (min(0.0, curvature) * r * r + min(0.0, other_curvature) * other_r * other_r)
+    return constant, plane - bound_mixed_term(axis, corner, r, other_box), g, h
 
 
 @compiled
-def pair_floor(
+def bound_pair_separation(
     side_i: float,
     width_i: float,
     height_i: float,
@@ -235,27 +238,27 @@ def pair_floor(
     aim: float,
     depth: float = 0.0,
 ) -> tuple[float, float, float, float]:
-    """Constant and plane below D for book i left of book j: D >= k, D >= p + g da_i + h da_j.
+    """Bound D for book i left of book j from below: D >= k, D >= p + g da_i + h da_j.
 
     With boxes of no width both are D itself. Where two books lean on each other face to face, D has
     a crease: planes with `aim` 1 (i tilted more) and -1 (i tilted less) are those of its two sides,
     with 0 that of the middle of the boxes. depth: by which the books may penetrate each other.
     """
-    least = np.inf
+    constant = np.inf
     corner_00 = corner_01 = corner_10 = corner_11 = np.inf
     r_i, r_j = box_i[6], box_j[6]
     for axis in range(4):
         if axis < 2:
-            k, p, g, h = axis_floor(
+            k, p, g, h = bound_axis_separation(
                 axis, side_i, width_i, height_i, box_i, side_j, width_j, height_j, box_j, aim,
                 depth,
             )  # fmt: skip
         else:
-            k, p, h, g = axis_floor(
+            k, p, h, g = bound_axis_separation(
                 axis - 2, -side_j, width_j, height_j, box_j, -side_i, width_i, height_i, box_i,
                 -aim, depth,
             )  # fmt: skip
-        least = min(least, k)
+        constant = min(constant, k)
         if p < k:
             p, g, h = k, 0.0, 0.0
         # The least of planes is concave: a plane below its corner values is below it.
@@ -264,7 +267,7 @@ def pair_floor(
         corner_10 = min(corner_10, p + g * r_i - h * r_j)
         corner_11 = min(corner_11, p + g * r_i + h * r_j)
     if r_i == 0.0 and r_j == 0.0:
-        return least, least, 0.0, 0.0
+        return constant, constant, 0.0, 0.0
     gradient_i = gradient_j = 0.0
     if r_i > 0:
         gradient_i = (corner_10 + corner_11 - corner_00 - corner_01) / (4 * r_i)
@@ -280,4 +283,4 @@ def pair_floor(
             corner_11 - gradient_i * r_i - gradient_j * r_j,
         ),
     )
-    return least, plane, gradient_i, gradient_j
+    return constant, plane, gradient_i, gradient_j

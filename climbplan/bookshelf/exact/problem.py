@@ -1,4 +1,4 @@
-"""A scene as the numbers that branch and bound works on, and what holds for whole states.
+"""Problem data of the branch and bound, with bounds that hold for whole states.
 
 Length unit mm. Books 0 .. n-1 are the stored ones, n is the inserted one. Flat on the left and flat
 on the right are the same rectangle at the same cost, so that a book has four states here. Tilts are
@@ -14,7 +14,12 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.bookshelf.exact.compiling import compiled
-from climbplan.bookshelf.exact.pairs import box_row, highest, lowest, pair_floor
+from climbplan.bookshelf.exact.pairs import (
+    bound_pair_separation,
+    fill_angle_box,
+    maximise_sinusoid,
+    minimise_sinusoid,
+)
 from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf
 
 FLAT, LEAN_LEFT, UPRIGHT, LEAN_RIGHT = 0, 1, 2, 3
@@ -34,23 +39,23 @@ _PIECES = 3  # parts of a lean interval in the table of state pairs
 
 
 class Problem(NamedTuple):
-    """One scene."""
+    """The data of one scene."""
 
     stored: int  # n
     book: Array  # (n + 1, columns)
-    floor: Array  # (n + 1, n + 1, 4, 4) least D of book i left of book j in these states
+    min_separation: Array  # (n + 1, n + 1, 4, 4) least D of book i left of book j in these states
     left: float
     right: float
     book_gap: float
     wall_gap: float
-    ceiling: float  # no placement on the shelf costs more
+    cost_limit: float  # no placement on the shelf costs more
     depth: float  # by which books may penetrate each other; 0 but for comparisons
 
 
 def build_problem(scene: Scene, shelf: Shelf, depth: float = 0.0) -> Problem:
-    """The problem of inserting the scene's book with least movement.
+    """Build the problem of inserting the scene's book with minimum movement.
 
-    depth: by which books may penetrate each other [m].
+    depth: permitted penetration of books [m].
     """
     n = scene.count
     book = np.zeros((n + 1, _COLUMNS))
@@ -62,20 +67,20 @@ def build_problem(scene: Scene, shelf: Shelf, depth: float = 0.0) -> Problem:
     problem = Problem(
         stored=n,
         book=book,
-        floor=np.zeros((n + 1, n + 1, 4, 4)),
+        min_separation=np.zeros((n + 1, n + 1, 4, 4)),
         left=1e3 * shelf.left,
         right=1e3 * shelf.right,
         book_gap=1e3 * shelf.book_gap,
         wall_gap=1e3 * shelf.wall_gap,
-        ceiling=0.0,
+        cost_limit=0.0,
         depth=1e3 * depth,
     )
     fill_problem(problem, 1e3 * shelf.height, shelf.lean_margin)
-    return problem._replace(ceiling=_ceiling(problem))
+    return problem._replace(cost_limit=_bound_cost_above(problem))
 
 
-def _ceiling(problem: Problem) -> float:
-    """More than any placement costs."""
+def _bound_cost_above(problem: Problem) -> float:
+    """Bound the cost of every placement from above."""
     stored = problem.book[:-1]
     far = np.maximum(np.abs(problem.right - stored[:, X0]), np.abs(stored[:, X0] - problem.left))
     lift = np.abs(stored[:, Y0]) + stored[:, HEIGHT] + stored[:, WIDTH]
@@ -83,8 +88,8 @@ def _ceiling(problem: Problem) -> float:
 
 
 @compiled
-def side_of(state: int) -> float:
-    """+1 for tilted to the left (and for flat and upright, where it does not matter), -1 right."""
+def select_side(state: int) -> float:
+    """Return +1 for a tilt to the left (also for flat and upright books), -1 to the right."""
     return -1.0 if state == LEAN_RIGHT else 1.0
 
 
@@ -95,28 +100,34 @@ def fill_problem(problem: Problem, clear: float, margin: float) -> None:
     clear: height of the shelf, margin: on top of the least tilt that is stable.
     """
     n, book = problem.stored, problem.book
-    box, other = np.zeros(7), np.zeros(7)
+    box, other_box = np.zeros(7), np.zeros(7)
     for k in range(n + 1):
         h, w = book[k, HEIGHT], book[k, WIDTH]
         allowed = (1 if w <= clear else 0) + (4 if h <= clear else 0)
         if k < n:
             stable, diagonal = math.atan2(w, h), math.hypot(w, h)
-            least = stable + margin
+            min_tilt = stable + margin
             if w <= clear:
                 allowed += 2 + 8
                 if diagonal > clear:  # a stable book is the lower the more it leans
-                    least = max(least, stable + math.acos(clear / diagonal))
-            least = min(least, math.pi / 2)
-            book[k, LEAN_FROM] = least
+                    min_tilt = max(min_tilt, stable + math.acos(clear / diagonal))
+            min_tilt = min(min_tilt, math.pi / 2)
+            book[k, LEAN_FROM] = min_tilt
             target = min(max(2 * book[k, Y0] / diagonal, -1.0), 1.0)
-            book[k, BEST_TILT] = min(max(stable + math.acos(target), least), math.pi / 2)
+            book[k, BEST_TILT] = min(max(stable + math.acos(target), min_tilt), math.pi / 2)
         book[k, ALLOWED] = allowed
         for state in range(4):
-            box_row(_tilt(book, k, state, 0.0), _tilt(book, k, state, 1.0), box)
-            book[k, REACH_LOW + state] = lowest(h / 2, w / 2, box)
-            book[k, REACH_HIGH + state] = highest(h / 2, w / 2, box)
+            fill_angle_box(
+                _interpolate_tilt(book, k, state, 0.0), _interpolate_tilt(book, k, state, 1.0), box
+            )
+            book[k, REACH_LOW + state] = minimise_sinusoid(h / 2, w / 2, box)
+            book[k, REACH_HIGH + state] = maximise_sinusoid(h / 2, w / 2, box)
             y, c = book[k, Y0], book[k, COS0]
-            lift = max(0.0, lowest(w / 2, h / 2, box) - y, y - highest(w / 2, h / 2, box))
+            lift = max(
+                0.0,
+                minimise_sinusoid(w / 2, h / 2, box) - y,
+                y - maximise_sinusoid(w / 2, h / 2, box),
+            )
             turn = max(0.0, box[5] - c, c - box[1])
             book[k, STATE_COST + state] = lift * lift + turn * turn
     for i in range(n + 1):
@@ -125,36 +136,48 @@ def fill_problem(problem: Problem, clear: float, margin: float) -> None:
                 for pair in range(16):
                     a, b = pair // 4, pair % 4
                     if int(book[i, ALLOWED]) >> a & 1 and int(book[j, ALLOWED]) >> b & 1:
-                        problem.floor[i, j, a, b] = _state_floor(problem, i, a, j, b, box, other)
+                        problem.min_separation[i, j, a, b] = _bound_state_separation(
+                            problem, i, a, j, b, box, other_box
+                        )
 
 
 @compiled
-def _tilt(book: Array, k: int, state: int, share: float) -> float:
-    """The tilt at a share of the interval of a state."""
+def _interpolate_tilt(book: Array, k: int, state: int, fraction: float) -> float:
+    """Return the tilt at a fraction of the interval of a state."""
     if state == FLAT:
         return math.pi / 2
     if state == UPRIGHT:
         return 0.0
-    return book[k, LEAN_FROM] + share * (math.pi / 2 - book[k, LEAN_FROM])
+    return book[k, LEAN_FROM] + fraction * (math.pi / 2 - book[k, LEAN_FROM])
 
 
 @compiled
-def _state_floor(
-    problem: Problem, i: int, a: int, j: int, b: int, box: Array, other: Array
+def _bound_state_separation(
+    problem: Problem, i: int, a: int, j: int, b: int, box: Array, other_box: Array
 ) -> float:
-    """Least D over all tilts of two states."""
+    """Bound D over all tilts of two states from below."""
     book = problem.book
-    parts_i = _PIECES if a == LEAN_LEFT or a == LEAN_RIGHT else 1
-    parts_j = _PIECES if b == LEAN_LEFT or b == LEAN_RIGHT else 1
-    least = np.inf
-    for p in range(parts_i):
-        box_row(_tilt(book, i, a, p / parts_i), _tilt(book, i, a, (p + 1) / parts_i), box)
-        for q in range(parts_j):
-            box_row(_tilt(book, j, b, q / parts_j), _tilt(book, j, b, (q + 1) / parts_j), other)
-            constant, plane, g, h = pair_floor(
-                side_of(a), book[i, WIDTH], book[i, HEIGHT], box,
-                side_of(b), book[j, WIDTH], book[j, HEIGHT], other, 0.0,
+    num_pieces_i = _PIECES if a == LEAN_LEFT or a == LEAN_RIGHT else 1
+    num_pieces_j = _PIECES if b == LEAN_LEFT or b == LEAN_RIGHT else 1
+    lower_bound = np.inf
+    for p in range(num_pieces_i):
+        fill_angle_box(
+            _interpolate_tilt(book, i, a, p / num_pieces_i),
+            _interpolate_tilt(book, i, a, (p + 1) / num_pieces_i),
+            box,
+        )
+        for q in range(num_pieces_j):
+            fill_angle_box(
+                _interpolate_tilt(book, j, b, q / num_pieces_j),
+                _interpolate_tilt(book, j, b, (q + 1) / num_pieces_j),
+                other_box,
+            )
+            constant, plane, g, h = bound_pair_separation(
+                select_side(a), book[i, WIDTH], book[i, HEIGHT], box,
+                select_side(b), book[j, WIDTH], book[j, HEIGHT], other_box, 0.0,
                 problem.depth,
             )  # fmt: skip
-            least = min(least, max(constant, plane - abs(g) * box[6] - abs(h) * other[6]))
-    return least
+            lower_bound = min(
+                lower_bound, max(constant, plane - abs(g) * box[6] - abs(h) * other_box[6])
+            )
+    return lower_bound

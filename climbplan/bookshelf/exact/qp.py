@@ -23,8 +23,10 @@ _DEPENDENT = 1e-11  # relative pivot below which a row depends on the active one
 
 @compiled
 def _factorise(C: Array, active: IntArray, count: int, factor: Array) -> bool:
-    """Lower Cholesky factor of the active rows' products; False if the last row depends on the
-    others."""
+    """Factorise the Gram matrix of the active rows by Cholesky's method.
+
+    Returns False if the last row depends linearly on the others.
+    """
     for i in range(count):
         row = C[active[i]]
         for j in range(i + 1):
@@ -32,15 +34,15 @@ def _factorise(C: Array, active: IntArray, count: int, factor: Array) -> bool:
             for k in range(C.shape[1]):
                 total += row[k] * C[active[j], k]
             if j == i:
-                least = _DEPENDENT * total
+                min_pivot = _DEPENDENT * total
             for k in range(j):
                 total -= factor[i, k] * factor[j, k]
             if j < i:
                 factor[i, j] = total / factor[j, j]
-            elif total <= least:
+            elif total <= min_pivot:
                 if i == count - 1:
                     return False
-                factor[i, i] = math.sqrt(least)  # by rounding only: keep the factor finite
+                factor[i, i] = math.sqrt(min_pivot)  # by rounding only: keep the factor finite
             else:
                 factor[i, i] = math.sqrt(total)
     return True
@@ -85,38 +87,38 @@ def solve_least_distance(C: Array, b: Array, cutoff: float, multiplier: Array, z
     count, result = 0, STUCK
     for _ in range(20 * (rows + 1)):
         # The row that z violates most.
-        worst, excess = -1, _SATISFIED
+        worst, max_violation = -1, _SATISFIED
         for r in range(rows):
             total = b[r]
             for k in range(variables):
                 total -= C[r, k] * z[k]
-            if total > excess * norm[r] and norm[r] > 0.0:
-                worst, excess = r, total / norm[r]
+            if total > max_violation * norm[r] and norm[r] > 0.0:
+                worst, max_violation = r, total / norm[r]
         if worst < 0:
             result = SOLVED
             break
         repeated = False
         for i in range(count):
             repeated = repeated or active[i] == worst
-        if repeated:  # an active row is violated: rounding has the better of it
+        if repeated:  # an active row is violated: rounding prevents further progress
             break
         active[count], value[count] = worst, 0.0
         count += 1
-        empty = _settle(C, b, active, value, step, factor, count)
-        if empty < 0:
-            for i in range(-empty):
+        num_active = _update_multipliers(C, b, active, value, step, factor, count)
+        if num_active < 0:
+            for i in range(-num_active):
                 multiplier[active[i]] = max(0.0, step[i])
             return EMPTY
-        count = empty
-        height = 0.0
+        count = num_active
+        dual_value = 0.0
         z[:] = 0.0
         for i in range(count):
-            height += value[i] * b[active[i]]
+            dual_value += value[i] * b[active[i]]
             for k in range(variables):
                 z[k] += value[i] * C[active[i], k]
         for k in range(variables):
-            height -= 0.5 * z[k] * z[k]
-        if height > cutoff:
+            dual_value -= 0.5 * z[k] * z[k]
+        if dual_value > cutoff:
             result = CUT_OFF
             break
     for i in range(count):
@@ -125,7 +127,7 @@ def solve_least_distance(C: Array, b: Array, cutoff: float, multiplier: Array, z
 
 
 @compiled
-def _settle(
+def _update_multipliers(
     C: Array,
     b: Array,
     active: IntArray,
@@ -134,7 +136,7 @@ def _settle(
     factor: Array,
     count: int,
 ) -> int:
-    """Multipliers `value` of the active rows, dropping rows so that none is negative.
+    """Update the multipliers `value` of the active rows; rows that would turn negative are dropped.
 
     Returns the number of active rows left, or its negative if `step` is a certificate that no z
     satisfies them.
@@ -158,24 +160,24 @@ def _settle(
             _solve_factored(factor, last, step)
             step[last] = 1.0
         # Towards `step` (or along it), as far as no multiplier turns negative.
-        place, share = -1, 1.0 if independent else np.inf
+        blocking, step_length = -1, 1.0 if independent else np.inf
         for i in range(count):
             if independent and step[i] < 0.0:
-                here = value[i] / (value[i] - step[i])
+                ratio = value[i] / (value[i] - step[i])
             elif not independent and step[i] < -1e-12:
-                here = value[i] / -step[i]
+                ratio = value[i] / -step[i]
             else:
                 continue
-            if place < 0 or here < share:
-                place, share = i, here
-        if place < 0 and not independent:
+            if blocking < 0 or ratio < step_length:
+                blocking, step_length = i, ratio
+        if blocking < 0 and not independent:
             return -count
         for i in range(count):
             move = step[i] - value[i] if independent else step[i]
-            value[i] = max(0.0, value[i] + share * move)
-        if place < 0:
+            value[i] = max(0.0, value[i] + step_length * move)
+        if blocking < 0:
             break
-        for k in range(place, last):
+        for k in range(blocking, last):
             active[k], value[k] = active[k + 1], value[k + 1]
         count -= 1
     return count

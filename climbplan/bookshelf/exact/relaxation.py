@@ -1,8 +1,8 @@
-"""Lower bound on the cost of every placement in a node, and where it points.
+"""Convex relaxation of a node: a Lagrangian lower bound on the cost of every placement.
 
-The rows of `exact_rows` with the cost's x part, which is exact, and a quadratic near its turn part
-make a least-distance program. Its multipliers give the bound: with any multipliers m >= 0 no
-placement in the node costs less than
+The rows of `rows` form a least-distance program with the exact x part of the cost and a quadratic
+model of its turn part. Its multipliers give the bound by weak duality: with any multipliers m >= 0
+no placement in the node costs less than
 
     m . b + sum_k min_x [(x - x0_k)^2 - (C^T m)_k x] + sum_k min_d [f_k(d) - (C^T m)_k d]
 
@@ -32,18 +32,18 @@ from climbplan.bookshelf.exact.problem import (
 )
 from climbplan.bookshelf.exact.qp import CUT_OFF, EMPTY, SOLVED, STUCK, solve_least_distance
 from climbplan.bookshelf.exact.rows import write_rows
-from climbplan.bookshelf.exact.sheet import (
+from climbplan.bookshelf.exact.workspace import (
     COLUMN,
     MIDDLE,
-    PRICE,
+    MULTIPLIER,
     RHS,
     STATE,
     TARGET,
     TILT,
     WEIGHT,
-    Sheet,
+    NodeWorkspace,
     X,
-    prepare,
+    prepare_node,
 )
 
 _PULL = 1e-3  # share of h^2 added to the weight of a tilt, so that the program is well posed
@@ -51,26 +51,26 @@ _LEAN_COST = 0.3  # [mm^2] in the choice of the cheapest state
 
 
 @compiled
-def cheapest_state(problem: Problem, k: int, mask: int) -> int:
-    """The state among those of a mask that costs least by itself."""
+def select_cheapest_state(problem: Problem, k: int, mask: int) -> int:
+    """Select the state of a mask that is cheapest for this book alone."""
     best, cost = -1, np.inf
     for state in range(4):
         if mask >> state & 1:
-            here = problem.book[k, STATE_COST + state]
+            state_cost = problem.book[k, STATE_COST + state]
             # A lean costs about as much as what it is near to, but needs a support; of two leans
             # the one to the side that the book is on already comes first.
             if state == LEAN_LEFT or state == LEAN_RIGHT:
-                here += _LEAN_COST
+                state_cost += _LEAN_COST
                 if (state == LEAN_LEFT) == (problem.book[k, LEANS_LEFT] > 0):
-                    here -= 1e-3
-            if here < cost:
-                best, cost = state, here
+                    state_cost -= 1e-3
+            if state_cost < cost:
+                best, cost = state, state_cost
     return best
 
 
 @compiled
-def turn_cost(problem: Problem, k: int, s: float, c: float) -> float:
-    """Cost of lifting and turning a book to the tilt with this sine and cosine."""
+def evaluate_turn_cost(problem: Problem, k: int, s: float, c: float) -> float:
+    """Evaluate the cost of lifting and turning a book to the tilt with this sine and cosine."""
     book = problem.book[k]
     y = 0.5 * (book[WIDTH] * s + book[HEIGHT] * c) - book[Y0]
     c -= book[COS0]
@@ -78,100 +78,112 @@ def turn_cost(problem: Problem, k: int, s: float, c: float) -> float:
 
 
 @compiled
-def relax(
-    problem: Problem, sheet: Sheet, slot: int, mask: IntArray, span: Array, cutoff: float
+def solve_relaxation(
+    problem: Problem, work: NodeWorkspace, slot: int, mask: IntArray, span: Array, cutoff: float
 ) -> tuple[int, float]:
-    """How the program of a node ended, and its bound.
+    """Solve the relaxation of a node.
 
-    mask: (n + 1,) states, the inserted book's last. span: (2 n,) least and then largest tilts of
-    books with a single lean.
-    Of nodes that cost more than `cutoff` only that is shown. If SOLVED, columns X and TILT of the
-    sheet hold the relaxed placement. With intervals of no width and single states it is an exact
-    placement and the bound its cost.
+    With intervals of zero width and single states the result is an exact placement and the bound
+    its cost.
+
+    Args:
+        problem: the scene.
+        work: workspace; if SOLVED, its columns X and TILT then have the relaxed placement.
+        slot: number of stored books left of the inserted one.
+        mask: (n + 1,) sets of states as bits, the inserted book's last.
+        span: (2 n,) smallest, then largest tilts of books with a single lean [rad].
+        cutoff: the solution stops once the bound exceeds this cost [mm^2].
+
+    Returns:
+        The status of the least-distance program, and the lower bound [mm^2].
     """
-    n, seat, goal = problem.stored, sheet.seat, sheet.goal
-    variables = prepare(problem, sheet, mask, span)
-    write_rows(problem, sheet, slot, mask)
-    rows = sheet.rows[0]
-    constant = _write_goal(problem, sheet, mask)
+    n, body, objective = problem.stored, work.body, work.objective
+    variables = prepare_node(problem, work, mask, span)
+    write_rows(problem, work, slot, mask)
+    rows = work.rows[0]
+    constant = _write_objective(problem, work, mask)
     scaled = np.empty((rows, variables))
     b, z = np.empty(rows), np.empty(variables)
-    price = np.empty(rows)
+    multiplier = np.empty(rows)
     for r in range(rows):
-        b[r] = sheet.side[r, RHS]
+        b[r] = work.side[r, RHS]
         for v in range(variables):
-            b[r] -= sheet.C[r, v] * goal[v, TARGET]
-            scaled[r, v] = sheet.C[r, v] / math.sqrt(goal[v, WEIGHT])
+            b[r] -= work.C[r, v] * objective[v, TARGET]
+            scaled[r, v] = work.C[r, v] / math.sqrt(objective[v, WEIGHT])
 
     # A little past the cutoff, for the difference between the program and the Lagrangian.
-    enough = 0.5 * (cutoff - constant) * (1 + 1e-6) + 1e-3
+    program_cutoff = 0.5 * (cutoff - constant) * (1 + 1e-6) + 1e-3
     bound = -np.inf
     while True:
-        status = solve_least_distance(scaled, b, enough, price, z)
+        status = solve_least_distance(scaled, b, program_cutoff, multiplier, z)
         scale = 2.0
         if status == EMPTY:  # a certificate: take a multiple of it beyond every cost
             total = 0.0
             for r in range(rows):
-                total += price[r] * b[r]
-            scale = 4 * problem.ceiling / total if total > 0 else 0.0
+                total += multiplier[r] * b[r]
+            scale = 4 * problem.cost_limit / total if total > 0 else 0.0
         for r in range(rows):
-            sheet.side[r, PRICE] = scale * price[r]
-        bound = max(bound, _lagrangian(problem, sheet, mask))
-        if status == EMPTY and not bound > min(cutoff, problem.ceiling):
+            work.side[r, MULTIPLIER] = scale * multiplier[r]
+        bound = max(bound, _evaluate_lagrangian(problem, work, mask))
+        if status == EMPTY and not bound > min(cutoff, problem.cost_limit):
             status = STUCK
-        if status != CUT_OFF or bound > cutoff or enough == np.inf:
+        if status != CUT_OFF or bound > cutoff or program_cutoff == np.inf:
             break
-        enough = np.inf
+        program_cutoff = np.inf
 
     for k in range(n):
-        seat[k, X] = z[k] / math.sqrt(goal[k, WEIGHT]) + goal[k, TARGET]
+        body[k, X] = z[k] / math.sqrt(objective[k, WEIGHT]) + objective[k, TARGET]
     for k in range(n):
-        column, state = sheet.role[k, COLUMN], sheet.role[k, STATE]
-        seat[k, TILT] = problem.book[k, BEST_TILT]
+        column, state = work.role[k, COLUMN], work.role[k, STATE]
+        body[k, TILT] = problem.book[k, BEST_TILT]
         if state == LEAN_LEFT or state == LEAN_RIGHT:
-            seat[k, TILT] = seat[k, MIDDLE]
+            body[k, TILT] = body[k, MIDDLE]
         if column >= 0 and status == SOLVED:
-            d = z[column] / math.sqrt(goal[column, WEIGHT]) + goal[column, TARGET]
-            seat[k, TILT] = min(max(seat[k, MIDDLE] + d, span[k]), span[n + k])
+            d = z[column] / math.sqrt(objective[column, WEIGHT]) + objective[column, TARGET]
+            body[k, TILT] = min(max(body[k, MIDDLE] + d, span[k]), span[n + k])
     return status, bound
 
 
 @compiled
-def _write_goal(problem: Problem, sheet: Sheet, mask: IntArray) -> float:
-    """Targets and weights of the program's variables; returns the constant part of the cost."""
-    n, goal = problem.stored, sheet.goal
+def _write_objective(problem: Problem, work: NodeWorkspace, mask: IntArray) -> float:
+    """Write targets and weights of the variables; returns the constant part of the cost."""
+    n, objective = problem.stored, work.objective
     constant = 0.0
     for k in range(n):
-        goal[k, TARGET], goal[k, WEIGHT] = problem.book[k, X0], 1.0
-        column = sheet.role[k, COLUMN]
+        objective[k, TARGET], objective[k, WEIGHT] = problem.book[k, X0], 1.0
+        column = work.role[k, COLUMN]
         if column < 0:
-            constant += _given_turn(problem, sheet, mask, k)
+            constant += _bound_undecided_turn_cost(problem, work, mask, k)
         else:
-            linear, square, rest = turn_model(problem, sheet.seat[k], k)
+            linear, square, offset = build_turn_cost_model(problem, work.body[k], k)
             square += _PULL * problem.book[k, HEIGHT] ** 2
-            goal[column, WEIGHT] = square
-            goal[column, TARGET] = -0.5 * linear / square
-            constant += rest - 0.25 * linear * linear / square
+            objective[column, WEIGHT] = square
+            objective[column, TARGET] = -0.5 * linear / square
+            constant += offset - 0.25 * linear * linear / square
     return constant
 
 
 @compiled
-def _given_turn(problem: Problem, sheet: Sheet, mask: IntArray, k: int) -> float:
-    """Least cost of lifting and turning a book whose tilt is given or whose state is open."""
-    if sheet.role[k, STATE] >= 0:
-        return turn_cost(problem, k, sheet.seat[k, 2], sheet.seat[k, 3])
-    least = np.inf
+def _bound_undecided_turn_cost(
+    problem: Problem, work: NodeWorkspace, mask: IntArray, k: int
+) -> float:
+    """Bound the turn cost of a book with a fixed tilt or an undecided state."""
+    if work.role[k, STATE] >= 0:
+        return evaluate_turn_cost(problem, k, work.body[k, 2], work.body[k, 3])
+    min_cost = np.inf
     for state in range(4):
         if mask[k] >> state & 1:
-            least = min(least, problem.book[k, STATE_COST + state])
-    return least
+            min_cost = min(min_cost, problem.book[k, STATE_COST + state])
+    return min_cost
 
 
 @compiled
-def _lines(p: float, q: float, box: Array) -> tuple[float, float, float, float]:
-    """Secant and tangent, value in the middle and slope each, of p sin + q cos with p, q >= 0.
+def _compute_secant_and_tangent(
+    p: float, q: float, box: Array
+) -> tuple[float, float, float, float]:
+    """Compute secant and tangent of p sin + q cos with p, q >= 0: middle value and slope of each.
 
-    The function is concave, so that they are below and above it.
+    The function is concave: the secant is below it and the tangent above it.
     """
     first, last = p * box[0] + q * box[1], p * box[4] + q * box[5]
     slope = 0.5 * (last - first) / box[6]
@@ -179,13 +191,15 @@ def _lines(p: float, q: float, box: Array) -> tuple[float, float, float, float]:
 
 
 @compiled
-def turn_model(problem: Problem, box: Array, k: int) -> tuple[float, float, float]:
-    """Linear, square and constant coefficient of a quadratic near the turn cost's lower bound."""
+def build_turn_cost_model(problem: Problem, box: Array, k: int) -> tuple[float, float, float]:
+    """Build a quadratic near the turn cost's lower bound: linear, square, constant coefficient."""
     book = problem.book[k]
-    y, y_slope, top, top_slope = _lines(0.5 * book[WIDTH], 0.5 * book[HEIGHT], box)
+    y, y_slope, top, top_slope = _compute_secant_and_tangent(
+        0.5 * book[WIDTH], 0.5 * book[HEIGHT], box
+    )
     if top < book[Y0]:
         y, y_slope = top, top_slope
-    c, c_slope, top, top_slope = _lines(0.0, 1.0, box)
+    c, c_slope, top, top_slope = _compute_secant_and_tangent(0.0, 1.0, box)
     if top < book[COS0]:
         c, c_slope = top, top_slope
     y -= book[Y0]
@@ -198,51 +212,59 @@ def turn_model(problem: Problem, box: Array, k: int) -> tuple[float, float, floa
 
 
 @compiled
-def least_turn(problem: Problem, box: Array, k: int, price: float) -> float:
-    """Lower bound of turn cost - price d over an interval, d from its middle.
+def bound_turn_cost(problem: Problem, box: Array, k: int, multiplier: float) -> float:
+    """Bound the turn cost - multiplier d over an interval from below, d from its middle.
 
     y and cos are above their secants and below their tangents, which makes the turn cost at least
     a convex function of d; a tangent of that one near its minimum is below it everywhere.
     """
     book, r = problem.book[k], box[6]
-    y, y_slope, y_top, y_top_slope = _lines(0.5 * book[WIDTH], 0.5 * book[HEIGHT], box)
-    c, c_slope, c_top, c_top_slope = _lines(0.0, 1.0, box)
+    y, y_slope, y_top, y_top_slope = _compute_secant_and_tangent(
+        0.5 * book[WIDTH], 0.5 * book[HEIGHT], box
+    )
+    c, c_slope, c_top, c_top_slope = _compute_secant_and_tangent(0.0, 1.0, box)
     y0, c0 = book[Y0], book[COS0]
     low, high = -r, r
-    value = slope = at = 0.0
+    value = slope = deviation = 0.0
     for _ in range(30):
-        at = 0.5 * (low + high)
-        over, under = max(0.0, y + y_slope * at - y0), max(0.0, y0 - y_top - y_top_slope * at)
-        over_c, under_c = max(0.0, c + c_slope * at - c0), max(0.0, c0 - c_top - c_top_slope * at)
+        deviation = 0.5 * (low + high)
+        over, under = (
+            max(0.0, y + y_slope * deviation - y0),
+            max(0.0, y0 - y_top - y_top_slope * deviation),
+        )
+        over_c, under_c = (
+            max(0.0, c + c_slope * deviation - c0),
+            max(0.0, c0 - c_top - c_top_slope * deviation),
+        )
         value = over * over + under * under + over_c * over_c + under_c * under_c
         slope = over * y_slope - under * y_top_slope + over_c * c_slope - under_c * c_top_slope
-        value -= price * at
-        slope = 2 * slope - price
+        value -= multiplier * deviation
+        slope = 2 * slope - multiplier
         if slope > 0:
-            high = at
+            high = deviation
         else:
-            low = at
+            low = deviation
         if abs(slope) * r < 1e-7:
             break
-    return value + min(slope * (-r - at), slope * (r - at))
+    return value + min(slope * (-r - deviation), slope * (r - deviation))
 
 
 @compiled
-def _lagrangian(problem: Problem, sheet: Sheet, mask: IntArray) -> float:
-    """The bound for the multipliers in column PRICE."""
-    n, side = problem.stored, sheet.side
+def _evaluate_lagrangian(problem: Problem, work: NodeWorkspace, mask: IntArray) -> float:
+    """Evaluate the Lagrangian bound for the multipliers in column MULTIPLIER."""
+    n, side = problem.stored, work.side
     bound = 0.0
-    total = np.zeros(sheet.C.shape[1])
-    for r in range(sheet.rows[0]):
-        if side[r, PRICE] > 0:
-            bound += side[r, PRICE] * side[r, RHS]
+    total = np.zeros(work.C.shape[1])
+    for r in range(work.rows[0]):
+        if side[r, MULTIPLIER] > 0:
+            bound += side[r, MULTIPLIER] * side[r, RHS]
             for v in range(len(total)):
-                total[v] += side[r, PRICE] * sheet.C[r, v]
+                total[v] += side[r, MULTIPLIER] * work.C[r, v]
     for k in range(n):
         bound -= total[k] * (problem.book[k, X0] + 0.25 * total[k])
-        column = sheet.role[k, COLUMN]
+        column = work.role[k, COLUMN]
         if column < 0:
-            bound += _given_turn(problem, sheet, mask, k)
+            bound += _bound_undecided_turn_cost(problem, work, mask, k)
         else:
-            bound += least_turn(problem, sheet.seat[k], k, total[column])
+            bound += bound_turn_cost(problem, work.body[k], k, total[column])
     return bound

@@ -13,12 +13,15 @@ import math
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
+from climbplan.bookshelf.exact.branching import estimate_gains, select_branch
 from climbplan.bookshelf.exact.compiling import compiled
-from climbplan.bookshelf.exact.gains import choose, find_gains
 from climbplan.bookshelf.exact.problem import LEAN_FROM, LEAN_LEFT, LEAN_RIGHT, X0, Problem
 from climbplan.bookshelf.exact.qp import SOLVED
-from climbplan.bookshelf.exact.relaxation import cheapest_state, relax, turn_cost
-from climbplan.bookshelf.exact.sheet import STATE_GAIN, TILT, TILT_GAIN, Sheet, X
+from climbplan.bookshelf.exact.relaxation import (
+    evaluate_turn_cost,
+    select_cheapest_state,
+    solve_relaxation,
+)
 from climbplan.bookshelf.exact.tree import (
     BEST_SLOT,
     BOUND,
@@ -36,11 +39,12 @@ from climbplan.bookshelf.exact.tree import (
     TRIED,
     UNUSED,
     Tree,
-    copied,
-    discard,
+    copy_node,
     pop,
     push,
+    release_node,
 )
+from climbplan.bookshelf.exact.workspace import STATE_GAIN, TILT, TILT_GAIN, NodeWorkspace, X
 
 FINISHED, PAUSED, FULL = 0, 1, 2
 
@@ -50,17 +54,17 @@ _LYING = 1e-6  # [rad] tilts this near to the horizontal become horizontal
 
 
 @compiled
-def _cutoff(problem: Problem, tree: Tree, absolute: float, relative: float) -> float:
-    """Nodes whose bound exceeds this need not be opened."""
+def _compute_cutoff(problem: Problem, tree: Tree, absolute: float, relative: float) -> float:
+    """Compute the cutoff: nodes with a larger bound are fathomed."""
     cost = tree.best[COST]
     if cost < np.inf:
         return cost - max(absolute, relative * cost)
-    return problem.ceiling
+    return problem.cost_limit
 
 
 @compiled
-def _is_new(tree: Tree, slot: int, mask: IntArray) -> bool:
-    """Whether an assignment of states is met for the first time; notes that it was."""
+def _record_if_new(tree: Tree, slot: int, mask: IntArray) -> bool:
+    """Record an assignment of states; returns whether it is new."""
     key = slot + 1
     for k in range(len(mask)):
         for state in range(4):
@@ -68,19 +72,19 @@ def _is_new(tree: Tree, slot: int, mask: IntArray) -> bool:
                 key = 4 * key + state
     place = (key * 2654435761) % TRIED
     for _ in range(32):
-        if tree.tried[place] == key:
+        if tree.assignments[place] == key:
             return False
-        if tree.tried[place] == 0:
-            tree.tried[place] = key
+        if tree.assignments[place] == 0:
+            tree.assignments[place] = key
             return True
         place = (place + 1) % TRIED
     return False
 
 
 @compiled
-def _improve(
+def _improve_placement(
     problem: Problem,
-    sheet: Sheet,
+    work: NodeWorkspace,
     tree: Tree,
     slot: int,
     mask: IntArray,
@@ -88,7 +92,7 @@ def _improve(
     steps: int,
     accuracy: float,
 ) -> None:
-    """Best placement with these states and tilts, and trust-region steps on the tilts from it."""
+    """Improve the placement with these states and tilts by trust-region steps on the tilts."""
     n, book = problem.stored, problem.book
     span, trial = np.empty(2 * n), np.empty(n)
     for k in range(n):
@@ -97,26 +101,26 @@ def _improve(
     for step in range(steps + 1):
         for k in range(n):
             span[k] = span[n + k] = trial[k]
-        tree.tally[PLACEMENTS] += 1
-        status, _ = relax(problem, sheet, slot, mask, span, np.inf)
-        here = np.inf
+        tree.counters[PLACEMENTS] += 1
+        status, _ = solve_relaxation(problem, work, slot, mask, span, np.inf)
+        placement_cost = np.inf
         if status == SOLVED:
-            here = 0.0
+            placement_cost = 0.0
             for k in range(n):
-                moved = sheet.seat[k, X] - book[k, X0]
-                here += moved * moved
-                here += turn_cost(problem, k, sheet.seat[k, 2], sheet.seat[k, 3])
-        if here < tree.best[COST]:
-            tree.best[COST] = here
+                displacement = work.body[k, X] - book[k, X0]
+                placement_cost += displacement * displacement
+                placement_cost += evaluate_turn_cost(problem, k, work.body[k, 2], work.body[k, 3])
+        if placement_cost < tree.best[COST]:
+            tree.best[COST] = placement_cost
             tree.best_mask[n] = mask[n]
             for k in range(n):
                 tree.best_mask[k] = mask[k]
-                tree.best[PLACE + k], tree.best[PLACE + n + k] = sheet.seat[k, X], trial[k]
-            tree.tally[BEST_SLOT] = slot
-        if here < cost:
-            if cost - here < 0.3 * (cost - bound):
+                tree.best[PLACE + k], tree.best[PLACE + n + k] = work.body[k, X], trial[k]
+            tree.counters[BEST_SLOT] = slot
+        if placement_cost < cost:
+            if cost - placement_cost < 0.3 * (cost - bound):
                 radius *= 0.5
-            cost = here
+            cost = placement_cost
             for k in range(n):
                 tilt[k] = trial[k]
         elif step > 0:
@@ -126,89 +130,89 @@ def _improve(
         for k in range(n):
             span[k] = max(tilt[k] - radius, book[k, LEAN_FROM])
             span[n + k] = min(tilt[k] + radius, math.pi / 2)
-        target = min(cost, tree.best[COST], problem.ceiling) - accuracy
-        status, bound = relax(problem, sheet, slot, mask, span, target)
+        target = min(cost, tree.best[COST], problem.cost_limit) - accuracy
+        status, bound = solve_relaxation(problem, work, slot, mask, span, target)
         if status != SOLVED or bound > target:
             return
         for k in range(n):
-            trial[k] = sheet.seat[k, TILT]
+            trial[k] = work.body[k, TILT]
             if trial[k] > math.pi / 2 - _LYING:
                 trial[k] = math.pi / 2
 
 
 @compiled
-def _open(
+def _evaluate_node(
     problem: Problem,
-    sheet: Sheet,
+    work: NodeWorkspace,
     tree: Tree,
     node: int,
     absolute: float,
     relative: float,
 ) -> bool:
-    """Bound a node and dive from it; whether it is worth keeping."""
+    """Bound a node and dive from it; returns whether it stays open."""
     n = problem.stored
-    tree.tally[NODES] += 1
-    slot, mask = tree.whole[node, SLOT], tree.whole[node, MASK:]
-    span = tree.real[node, SPAN:]
-    cutoff = _cutoff(problem, tree, absolute, relative)
-    _, bound = relax(problem, sheet, slot, mask, span, cutoff)
-    bound = max(bound, tree.real[node, BOUND])
-    tree.real[node, BOUND] = bound
+    tree.counters[NODES] += 1
+    slot, mask = tree.integers[node, SLOT], tree.integers[node, MASK:]
+    span = tree.reals[node, SPAN:]
+    cutoff = _compute_cutoff(problem, tree, absolute, relative)
+    _, bound = solve_relaxation(problem, work, slot, mask, span, cutoff)
+    bound = max(bound, tree.reals[node, BOUND])
+    tree.reals[node, BOUND] = bound
     if bound > cutoff:
         return False
-    find_gains(problem, sheet, mask)
-    branch = choose(problem, sheet, mask)
-    tree.whole[node, BRANCH] = branch
+    estimate_gains(problem, work, mask)
+    branch = select_branch(problem, work, mask)
+    tree.integers[node, BRANCH] = branch
 
-    # Each assignment of states is tried once, and again where little seems to be missing.
-    whole, tilt = np.empty(n + 1, np.int64), np.empty(n)
-    leaning, missing = False, 0.0
-    whole[n] = mask[n]
+    # Each assignment of states is tried once, and again where the estimated gain is small.
+    assignment, tilt = np.empty(n + 1, np.int64), np.empty(n)
+    has_lean, missing = False, 0.0
+    assignment[n] = mask[n]
     for k in range(n):
-        tilt[k] = sheet.seat[k, TILT]
-        missing += sheet.seat[k, STATE_GAIN] + sheet.seat[k, TILT_GAIN]
-        whole[k] = 1 << cheapest_state(problem, k, mask[k])
-        leaning = leaning or whole[k] == 1 << LEAN_LEFT or whole[k] == 1 << LEAN_RIGHT
-    new = _is_new(tree, slot, whole)
-    if new or (leaning and missing < 0.5 * (tree.best[COST] - bound)):
-        accuracy = 0.1 * max(absolute, relative * min(tree.best[COST], problem.ceiling))
-        steps = _STEPS if leaning else 0
-        _improve(problem, sheet, tree, slot, whole, tilt, steps, accuracy)
-    return branch >= 0 and bound <= _cutoff(problem, tree, absolute, relative)
+        tilt[k] = work.body[k, TILT]
+        missing += work.body[k, STATE_GAIN] + work.body[k, TILT_GAIN]
+        assignment[k] = 1 << select_cheapest_state(problem, k, mask[k])
+        has_lean = has_lean or assignment[k] == 1 << LEAN_LEFT or assignment[k] == 1 << LEAN_RIGHT
+    is_new = _record_if_new(tree, slot, assignment)
+    if is_new or (has_lean and missing < 0.5 * (tree.best[COST] - bound)):
+        accuracy = 0.1 * max(absolute, relative * min(tree.best[COST], problem.cost_limit))
+        steps = _STEPS if has_lean else 0
+        _improve_placement(problem, work, tree, slot, assignment, tilt, steps, accuracy)
+    return branch >= 0 and bound <= _compute_cutoff(problem, tree, absolute, relative)
 
 
 @compiled
-def advance(
-    problem: Problem, sheet: Sheet, tree: Tree, absolute: float, relative: float, steps: int
+def expand_nodes(
+    problem: Problem, work: NodeWorkspace, tree: Tree, absolute: float, relative: float, steps: int
 ) -> int:
-    """Split up to `steps` nodes; returns FINISHED, PAUSED (more to do) or FULL (no room)."""
-    n, tally = problem.stored, tree.tally
+    """Split up to `steps` nodes; returns FINISHED, PAUSED (nodes are open) or FULL (no memory)."""
+    n, counters = problem.stored, tree.counters
     for _ in range(steps):
-        if tally[OPEN] == 0:
+        if counters[OPEN] == 0:
             return FINISHED
-        if tally[UNUSED] < 4:
+        if counters[UNUSED] < 4:
             return FULL
         node = pop(tree)
-        bound, branch = tree.real[node, BOUND], tree.whole[node, BRANCH]
-        if bound > _cutoff(problem, tree, absolute, relative):
+        bound, branch = tree.reals[node, BOUND], tree.integers[node, BRANCH]
+        if bound > _compute_cutoff(problem, tree, absolute, relative):
             tree.best[CLOSED] = min(tree.best[CLOSED], bound)
-            discard(tree, node)
+            release_node(tree, node)
             continue
         book = branch - n if branch >= n else branch
-        for part in range(1 if branch == ROOT else 2 if branch >= n else 4):
-            if 0 <= branch < n and not tree.whole[node, MASK + book] >> part & 1:
+        for child_index in range(1 if branch == ROOT else 2 if branch >= n else 4):
+            if 0 <= branch < n and not tree.integers[node, MASK + book] >> child_index & 1:
                 continue
-            child = copied(tree, node)
+            child = copy_node(tree, node)
             if branch >= n:
                 low, high = SPAN + book, SPAN + n + book
-                middle = 0.5 * (tree.real[node, low] + tree.real[node, high])
-                tree.real[child, high if part == 0 else low] = middle
+                middle = 0.5 * (tree.reals[node, low] + tree.reals[node, high])
+                tree.reals[child, high if child_index == 0 else low] = middle
             elif branch >= 0:
-                tree.whole[child, MASK + book] = 1 << part
-            if _open(problem, sheet, tree, child, absolute, relative):
+                tree.integers[child, MASK + book] = 1 << child_index
+            if _evaluate_node(problem, work, tree, child, absolute, relative):
                 push(tree, child)
             else:
-                tree.best[CLOSED] = min(tree.best[CLOSED], tree.real[child, BOUND])
-                discard(tree, child)
-        discard(tree, node)
-    return PAUSED if tally[OPEN] > 0 else FINISHED
+                tree.best[CLOSED] = min(tree.best[CLOSED], tree.reals[child, BOUND])
+                release_node(tree, child)
+        release_node(tree, node)
+    return PAUSED if counters[OPEN] > 0 else FINISHED

@@ -1,4 +1,4 @@
-"""Where all books go, as CSV: one line a book and scene."""
+"""Placements as CSV, one line for each book of each scene."""
 
 from __future__ import annotations
 
@@ -27,20 +27,20 @@ def export_csv(path: Path, out: Path | TextIO) -> None:
     file that is not a bookshelf plan and UsageError if `out` cannot be written.
     """
     plan = read_shelf_plan(path)
-    write_csv(out, HEADER, _rows(plan))
+    write_csv(out, HEADER, _list_rows(plan))
 
 
-def _rows(plan: ShelfPlan) -> Iterator[list[str | float | int]]:
-    scenes, found = plan.scenes, plan.solutions
+def _list_rows(plan: ShelfPlan) -> Iterator[list[str | float | int]]:
+    scenes, solutions = plan.scenes, plan.solutions
     for k in range(len(scenes)):
-        objective = float(found.objective[k])
+        objective = float(solutions.objective[k])
         cost: float | str = objective if math.isfinite(objective) else ""
         for book in range(scenes.count + 1):
             stored = book < scenes.count
             before = scenes.pose[k, book].tolist() if stored else [""] * 3
-            placed = found.state[k, book] >= 0
-            after = found.pose[k, book].tolist() if placed else [""] * 3
-            state = state_label(int(found.state[k, book])) if placed else ""
+            placed = solutions.state[k, book] >= 0
+            after = solutions.pose[k, book].tolist() if placed else [""] * 3
+            state = state_label(int(solutions.state[k, book])) if placed else ""
             name = str(book) if stored else "inserted"
             size = scenes.sizes[k, book].tolist()
-            yield [k, found.status[k], cost, name, *size, *before, *after, state]
+            yield [k, solutions.status[k], cost, name, *size, *before, *after, state]

@@ -1,4 +1,4 @@
-"""What learned methods compare scenes by."""
+"""Features by which learned methods compare scenes."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.bookshelf.scene.rectangles import half_extents
+from climbplan.bookshelf.scene.rectangles import compute_half_extents
 from climbplan.bookshelf.scene.shelf_scene import Shelf
-from climbplan.bookshelf.statement.points import features_of
+from climbplan.bookshelf.statement.points import compute_features
 from climbplan.schema.learning.strategy import ShelfFeatures
 
 Features = Callable[[dict[str, Array]], Array]  # of the statement's parameters [mm, rad]
@@ -17,20 +17,22 @@ _ANGLE = 40.0  # [mm / rad] what a tilt weighs in distances: about half a book's
 _HEIGHT = 0.5  # heights decide less than widths
 
 
-def feature_map(kind: ShelfFeatures, shelf: Shelf) -> Features:
-    """`raw`: as published, 5 n + 2 numbers; `gaps`: free gaps and what may fill them, 4 n + 2.
+def build_feature_map(kind: ShelfFeatures, shelf: Shelf) -> Features:
+    """Build the map from parameters to features, `raw` or `gaps`.
 
+    `raw` is the published one with 5 n + 2 numbers. `gaps` has the free gaps and the sizes that may
+    fill them, 4 n + 2 numbers.
     `gaps` are in millimetres, angles by half a book's height, and weigh as they are in distances:
     the gaps (n + 1) left of, between and right of the stored books, the inserted width, then
     angles, widths and heights of the stored books.
     """
     if kind == "raw":
-        return features_of
+        return compute_features
     left, right = 1e3 * shelf.left, 1e3 * shelf.right
 
     def gaps(theta: dict[str, Array]) -> Array:
         pose, size = theta["pose"], theta["size"]
-        reach = half_extents(pose[:, 2], size[:-1])[:, 0]
+        reach = compute_half_extents(pose[:, 2], size[:-1])[:, 0]
         begin = np.append(pose[:, 0] - reach, right)
         end = np.append(left, pose[:, 0] + reach)
         return np.concatenate(
@@ -46,11 +48,11 @@ def feature_map(kind: ShelfFeatures, shelf: Shelf) -> Features:
     return gaps
 
 
-def feature_scale(kind: ShelfFeatures, count: int) -> Array | None:
-    """What features (p,) are divided by in distances; None: by their standard deviations."""
-    return None if kind == "raw" else np.ones(feature_count(kind, count))
+def compute_feature_scale(kind: ShelfFeatures, count: int) -> Array | None:
+    """Return the scale (p,) of features in distances; None stands for their standard deviations."""
+    return None if kind == "raw" else np.ones(count_features(kind, count))
 
 
-def feature_count(kind: ShelfFeatures, count: int) -> int:
-    """How many features a scene with `count` stored books has."""
+def count_features(kind: ShelfFeatures, count: int) -> int:
+    """Count the features of a scene with `count` stored books."""
     return 5 * count + 2 if kind == "raw" else 4 * count + 2

@@ -10,24 +10,24 @@ import numpy as np
 
 from climbplan.arrays import IntArray
 from climbplan.bookshelf.methods.features import Features
-from climbplan.bookshelf.methods.mirror import Solved, mirrored
-from climbplan.bookshelf.methods.shelf_context import context_of, require_context
-from climbplan.bookshelf.plan.dataset_frame import shelf_dataset
+from climbplan.bookshelf.methods.mirror import SolvedScene, mirror_scene
+from climbplan.bookshelf.methods.shelf_context import build_context, require_context
+from climbplan.bookshelf.plan.dataset_frame import read_shelf_dataset
 from climbplan.bookshelf.plan.file import read_shelf_plan
 from climbplan.bookshelf.plan.shelf_plan import ShelfPlan
 from climbplan.bookshelf.scene.shelf_scene import Shelf, State
 from climbplan.bookshelf.schema.model import Meaning, ShelfLibrarySpec
-from climbplan.bookshelf.statement.points import features_of, point_of, theta_of
+from climbplan.bookshelf.statement.points import build_point, build_theta, compute_features
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.learning.library import Frame, Library
 from climbplan.program import Program
 from climbplan.store import dataset_file
-from climbplan.store.plan_format import plan_format
+from climbplan.store.plan_format import read_plan_format
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What a library is to serve."""
+class LibraryTarget:
+    """The shelf, meaning and number of books that a library must serve."""
 
     shelf: Shelf
     meaning: Meaning
@@ -35,9 +35,9 @@ class Wanted:
 
 
 def read_library(
-    program: Program, wanted: Wanted, source: ShelfLibrarySpec, directory: Path
+    program: Program, target: LibraryTarget, source: ShelfLibrarySpec, directory: Path
 ) -> Library:
-    """The placements of a plan file or dataset, as points of the program of what is wanted.
+    """Read the placements of a plan file or dataset as points of the target's program.
 
     Each scene counts twice, the second time as seen in a mirror: twice the data for nothing.
     The slot of the inserted book is a label: the statement leaves it to the lines.
@@ -48,25 +48,25 @@ def read_library(
             let pass, or no placement in it.
     """
     path = directory / source.file
-    plan = solved_scenes(path)
-    if plan.scenes.count != wanted.count:
+    plan = read_solved_scenes(path)
+    if plan.scenes.count != target.count:
         raise UsageError(
             f"library {path}: its scenes have {plan.scenes.count} stored books, expected "
-            f"{wanted.count}"
+            f"{target.count}"
         )
     if not source.foreign:
-        _require_own(plan, wanted, path)
-    solved = placed_scenes(plan)[: source.size]
+        _require_same_shelf(plan, target, path)
+    solved = collect_placed_scenes(plan)[: source.size]
     if not solved:
         raise UsageError(f"library {path}: no scene in it has a placement")
-    return library_of(program, solved, features_of, middle=mirror_middle(plan)).library
+    return build_library(program, solved, compute_features, middle=find_mirror_axis(plan)).library
 
 
-def _require_own(plan: ShelfPlan, wanted: Wanted, path: Path) -> None:
-    """Raises UsageError if a plan's scenes stand on another shelf or have another meaning."""
-    theirs = context_of(plan.shelf, plan.meaning, plan.scenes.count, "raw")
+def _require_same_shelf(plan: ShelfPlan, target: LibraryTarget, path: Path) -> None:
+    """Raise UsageError if a plan's scenes stand on another shelf or have another meaning."""
+    context = build_context(plan.shelf, plan.meaning, plan.scenes.count, "raw")
     try:
-        require_context(theirs, wanted.shelf, wanted.meaning, wanted.count, f"library {path}")
+        require_context(context, target.shelf, target.meaning, target.count, f"library {path}")
     except UsageError as error:
         raise UsageError(f"{error}; solver.library.foreign: true takes it all the same") from error
 
@@ -75,7 +75,7 @@ def _require_own(plan: ShelfPlan, wanted: Wanted, path: Path) -> None:
 class Priced:
     """A scene with a placement and its cost."""
 
-    solved: Solved
+    solved: SolvedScene
     cost: float  # [mm^2]
 
 
@@ -87,40 +87,50 @@ class SceneLibrary:
     scene: IntArray  # (S,)
 
 
-def mirror_middle(plan: ShelfPlan) -> float:
-    """Where a plan's shelf is its own mirror image [m]; the published frame lies about x = 0
-    wherever the walls are."""
+def find_mirror_axis(plan: ShelfPlan) -> float:
+    """Return the x coordinate of the mirror axis of a plan's shelf [m].
+
+    The published frame lies about x = 0 wherever the walls are.
+    """
     return (plan.shelf.left + plan.shelf.right) / 2 if plan.meaning == "contact" else 0.0
 
 
-def placed_scenes(plan: ShelfPlan) -> list[Priced]:
-    """The scenes of a plan that have a placement."""
-    found = plan.solutions
-    placements = [(k, found.placement(k)) for k in range(len(plan.scenes))]
+def collect_placed_scenes(plan: ShelfPlan) -> list[Priced]:
+    """Collect the scenes of a plan that have a placement."""
+    solutions = plan.solutions
+    placements = [(k, solutions.placement(k)) for k in range(len(plan.scenes))]
     return [
-        Priced(Solved(plan.scenes[k], placement), float(found.objective[k]))
+        Priced(SolvedScene(plan.scenes[k], placement), float(solutions.objective[k]))
         for k, placement in placements
         if placement is not None
     ]
 
 
-def library_of(
+def build_library(
     program: Program,
     scenes: Sequence[Priced],
     features: Features,
     mirror: bool = True,
     middle: float = 0.0,
 ) -> SceneLibrary:
-    """Solved scenes as points of a program; raises UsageError as `Library.of` does.
+    """Build a library of solved scenes as points of a program.
 
-    mirror: each scene counts twice, the second time as seen in a mirror at x = middle [m].
+    Args:
+        program: the bookshelf program of their number of books.
+        scenes: placements with their costs.
+        features: the map from parameters to features.
+        mirror: whether each scene counts twice, the second time as its mirror image.
+        middle: x coordinate of the mirror axis [m].
+
+    Raises:
+        UsageError: no scene, or points that do not fit the program.
     """
     rows, points, slots, cost, scene = [], [], [], [], []
     for k, priced in enumerate(scenes):
-        both = [priced.solved, mirrored(priced.solved, middle)] if mirror else [priced.solved]
+        both = [priced.solved, mirror_scene(priced.solved, middle)] if mirror else [priced.solved]
         for solved in both:
-            rows.append(features(theta_of(solved.scene)))
-            points.append(point_of(program, solved.scene, solved.placement))
+            rows.append(features(build_theta(solved.scene)))
+            points.append(build_point(program, solved.scene, solved.placement))
             slots.append(solved.placement.slot)
             cost.append(priced.cost)
             scene.append(k)
@@ -134,30 +144,33 @@ def library_of(
     return SceneLibrary(library, np.array(scene, np.int64))
 
 
-def solved_scenes(path: Path) -> ShelfPlan:
-    """Scenes and placements of a file, whichever format it has.
+def read_solved_scenes(path: Path) -> ShelfPlan:
+    """Read scenes and placements of a plan file or dataset.
 
-    Raises PlanFileError for a file that is missing, damaged or none of solved scenes, and for a
-    state or slot that there is not.
+    Raises:
+        PlanFileError: the file is missing, damaged or none of solved scenes, or has an unknown
+            state or slot.
     """
-    plan = _plan_of(path)
-    found, n = plan.solutions, plan.scenes.count
-    wrong = ((found.state < 0) | (found.state >= len(State))).any(axis=1)
-    wrong = (wrong | (found.slot < 0) | (found.slot > n)) & found.placed
-    if wrong.any():
-        k = int(np.argmax(wrong))
+    plan = _read_plan(path)
+    solutions, n = plan.solutions, plan.scenes.count
+    is_wrong = ((solutions.state < 0) | (solutions.state >= len(State))).any(axis=1)
+    is_wrong = (is_wrong | (solutions.slot < 0) | (solutions.slot > n)) & solutions.placed
+    if is_wrong.any():
+        k = int(np.argmax(is_wrong))
         raise PlanFileError(
-            f"{path}: scene {k}: states {found.state[k].tolist()} and slot {found.slot[k]} of its "
-            f"placement, expected 0 to {len(State) - 1} and 0 to {n}"
+            f"{path}: scene {k}: states {solutions.state[k].tolist()} and slot {solutions.slot[k]} "
+            f"of its placement, expected 0 to {len(State) - 1} and 0 to {n}"
         )
     return plan
 
 
-def _plan_of(path: Path) -> ShelfPlan:
-    if plan_format(path) != dataset_file.FORMAT:
+def _read_plan(path: Path) -> ShelfPlan:
+    if read_plan_format(path) != dataset_file.FORMAT:
         return read_shelf_plan(path)
     try:
-        return shelf_dataset(dataset_file.read_dataset_file(path)).plan
+        return read_shelf_dataset(dataset_file.read_dataset_file(path)).plan
     except UsageError as error:
-        told = str(error)
-        raise PlanFileError(told if told.startswith(str(path)) else f"{path}: {told}") from error
+        message = str(error)
+        raise PlanFileError(
+            message if message.startswith(str(path)) else f"{path}: {message}"
+        ) from error

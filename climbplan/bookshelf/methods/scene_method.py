@@ -1,4 +1,4 @@
-"""What every method offers."""
+"""The protocol of all methods that solve scenes."""
 
 from __future__ import annotations
 
@@ -12,4 +12,4 @@ class SceneMethod(Protocol):
     """A method that was prepared for one shelf; keeps its space between scenes."""
 
     def solve(self, scene: Scene) -> SceneAnswer:
-        """The best placement that the method finds, judged by the exact check of the meaning."""
+        """Return the best placement that the method finds and the exact check passes."""

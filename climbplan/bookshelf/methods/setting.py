@@ -1,4 +1,4 @@
-"""All that a method is made of."""
+"""The settings of which a method is built."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MethodSetting:
-    """All that a method is made of; workers of a pool make their own from it."""
+    """The settings of a method, from which each worker of a pool builds its own method."""
 
     shelf: Shelf
     meaning: Meaning
@@ -26,12 +26,12 @@ class MethodSetting:
 
     @classmethod
     def of(cls, spec: BookshelfSpec, shelf: Shelf, directory: Path) -> MethodSetting:
-        """As written in a spec."""
+        """Return the settings that a spec gives."""
         return cls(shelf, spec.meaning, spec.solver, directory, spec.seed)
 
 
-def convex_solver(name: str | None) -> ConvexBackend:
-    """A solver of convex programs by name; raises UsageError for another one."""
+def select_convex_solver(name: str | None) -> ConvexBackend:
+    """Select a solver of convex programs by name; raises UsageError for an unknown one."""
     if name in (None, "daqp"):
         return "daqp"
     if name == "clarabel":

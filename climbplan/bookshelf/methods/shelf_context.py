@@ -1,4 +1,4 @@
-"""What solved scenes were made for: the shelf, meaning and number of books that they serve."""
+"""The context of solved scenes: the shelf, meaning and number of books that they serve."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ _PUBLISHED = "published "
 _UNITS = {"lean_margin": " rad", "published sine": ""}  # all others are lengths
 
 
-def context_of(shelf: Shelf, meaning: str, count: int, features: str) -> dict[str, Any]:
-    """What a model of bookshelf scenes serves: shelf, meaning, number of stored books, features."""
+def build_context(shelf: Shelf, meaning: str, count: int, features: str) -> dict[str, Any]:
+    """Build the context of a model: shelf, meaning, number of stored books and features."""
     return {
         "problem": "bookshelf",
         "books": count,
@@ -27,53 +27,68 @@ def context_of(shelf: Shelf, meaning: str, count: int, features: str) -> dict[st
 
 
 def require_context(
-    given: Mapping[str, Any], shelf: Shelf, meaning: str, count: int, where: object
+    context: Mapping[str, Any], shelf: Shelf, meaning: str, count: int, where: object
 ) -> None:
-    """Raises UsageError naming the first thing in which the context of a model or library differs.
+    """Require that a model or library was made for this shelf, meaning and number of books.
 
-    where: the file that the message begins with. The frame and tolerances of `published` count in
-    that meaning only.
+    The frame and tolerances of `published` count in that meaning only.
+
+    Args:
+        context: of the model or library, from its file.
+        shelf: the shelf to be served.
+        meaning: the meaning to be served.
+        count: number of stored books.
+        where: the file with which the message begins.
+
+    Raises:
+        UsageError: naming the first difference.
     """
-    wanted = context_of(shelf, meaning, count, str(given.get("features")))
-    if given.get("problem") != "bookshelf":
-        raise UsageError(f"{where}: made for problem {given.get('problem')!r}, not for bookshelves")
-    if given.get("features") not in ("gaps", "raw"):
-        raise UsageError(f"{where}: features {given.get('features')!r} that there are not")
+    expected_context = build_context(shelf, meaning, count, str(context.get("features")))
+    if context.get("problem") != "bookshelf":
+        raise UsageError(
+            f"{where}: made for problem {context.get('problem')!r}, not for bookshelves"
+        )
+    if context.get("features") not in ("gaps", "raw"):
+        raise UsageError(f"{where}: features {context.get('features')!r} that there are not")
     for key in ("books", "meaning"):
-        if given.get(key) != wanted[key]:
+        if context.get(key) != expected_context[key]:
             raise UsageError(
-                f"{where}: made for {key} {_shown(given.get(key))}, here it is {wanted[key]!r}"
+                f"{where}: made for {key} {_truncate_repr(context.get(key))}, "
+                f"here it is {expected_context[key]!r}"
             )
-    theirs, ours = _flat(given.get("shelf")), _flat(wanted["shelf"])
-    for key, expected in ours.items():
+    shelf_values, expected_values = (
+        _flatten_shelf(context.get("shelf")),
+        _flatten_shelf(expected_context["shelf"]),
+    )
+    for key, expected in expected_values.items():
         if meaning == "contact" and key.startswith(_PUBLISHED):
             continue
-        found = theirs.get(key)
-        if not isinstance(found, float) or not math.isclose(found, expected, abs_tol=_SAME):
+        value = shelf_values.get(key)
+        if not isinstance(value, float) or not math.isclose(value, expected, abs_tol=_SAME):
             unit = _UNITS.get(key, " m")
-            given_as = f"{found:g}{unit}" if isinstance(found, float) else _shown(found)
+            given_as = f"{value:g}{unit}" if isinstance(value, float) else _truncate_repr(value)
             raise UsageError(
                 f"{where}: made for a shelf whose {key} is {given_as}, here it is "
                 f"{expected:g}{unit}"
             )
 
 
-def _flat(shelf: object) -> dict[str, Any]:
-    """A shelf's numbers, those of the published meaning among them."""
+def _flatten_shelf(shelf: object) -> dict[str, Any]:
+    """Flatten the numbers of a shelf, those of the published meaning included."""
     if not isinstance(shelf, Mapping):
         return {}
     inner = shelf.get("published")
     published = inner if isinstance(inner, Mapping) else {}
-    own = {str(key): value for key, value in shelf.items() if key != "published"}
-    flat = own | {f"{_PUBLISHED}{key}": value for key, value in published.items()}
-    return {key: _as_float(value) for key, value in flat.items()}
+    shelf_numbers = {str(key): value for key, value in shelf.items() if key != "published"}
+    flat = shelf_numbers | {f"{_PUBLISHED}{key}": value for key, value in published.items()}
+    return {key: _convert_to_float(value) for key, value in flat.items()}
 
 
-def _as_float(value: object) -> object:
-    """Whole numbers as floats, if there is such a float: the file may hold any number of digits."""
+def _convert_to_float(value: object) -> object:
+    """Convert whole numbers that a float represents exactly; a file may hold any number."""
     return float(value) if type(value) is int and abs(value) < 2**53 else value
 
 
-def _shown(value: object) -> str:
+def _truncate_repr(value: object) -> str:
     text = repr(value)
     return text if len(text) <= 40 else f"{text[:37]}..."

@@ -11,18 +11,18 @@ from climbplan.bookshelf.check.plan_checks import LIMITS, MEANINGS
 from climbplan.bookshelf.plan.shelf_plan import ShelfPlan
 from climbplan.reports.page_parts import Card, Table
 from climbplan.reports.page_template import (
+    build_origin_rows,
+    build_plan_tables,
+    build_report_fields,
+    build_run_fields,
+    build_verification_fields,
     fill,
-    origin_rows,
-    plan_tables,
-    report_fields,
-    run_fields,
-    verification_fields,
 )
 
 
 @dataclass(frozen=True)
-class _Listed:
-    """The page's own table: of books for one scene, of scenes for many."""
+class _TitledTable:
+    """A table with title and note: of the books of one scene, or of many scenes."""
 
     title: str
     note: str
@@ -30,89 +30,94 @@ class _Listed:
 
 
 def build_page(_: ShelfPlan, report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
-    """The page as text.
+    """Build the page as text.
 
-    report: as `report_dict` gives it. images: PNG files by name.
+    Args:
+        report: the mapping of `report_dict`.
+        images: PNG files by name.
     """
-    table = _books(report) if "books" in report else _scenes(report)
-    origin = origin_rows(report, {"Method": report["method"], "Meaning": report["meaning"]})
+    table = _build_book_table(report) if "books" in report else _build_scene_table(report)
+    origin = build_origin_rows(report, {"Method": report["method"], "Meaning": report["meaning"]})
     meanings = {**{name: limit.meaning for name, limit in LIMITS.items()}, **MEANINGS}
     return fill(
         "bookshelf.html",
-        **report_fields(report, "bookshelf", _cards(report), images, report["status"]),
-        **verification_fields(report, meanings),
-        **run_fields(report, plan_tables(report, origin)),
+        **build_report_fields(report, "bookshelf", _build_cards(report), images, report["status"]),
+        **build_verification_fields(report, meanings),
+        **build_run_fields(report, build_plan_tables(report, origin)),
         table_title=table.title,
         table_note=table.note,
         table=table.table,
     )
 
 
-def _cards(report: Mapping[str, Any]) -> Iterator[Card]:
+def _build_cards(report: Mapping[str, Any]) -> Iterator[Card]:
     scenes, time, cost = report["scenes"], report["time"], report["cost"]
     placed, total = scenes["optimal"] + scenes["feasible"], scenes["total"]
     if total == 1:
         bound = "no bound" if report["bound"] is None else f"at least {report['bound']:.4g} mm²"
         yield Card("Movement cost", f"{report['objective']:.4g} mm²", bound)
         yield Card("Stored books", str(scenes["stored_books"]))
-        yield Card("Time", _milliseconds(time["largest"]))
+        yield Card("Time", _format_milliseconds(time["largest"]))
     else:
         yield Card("Scenes placed", f"{placed} of {total}", f"{scenes['optimal']} proved optimal")
         yield Card("Proved infeasible", str(scenes["infeasible"]))
         yield Card("Without an answer", str(scenes["limit"]))
-        spread = f"99 % {_milliseconds(time['most99'])}, worst {_milliseconds(time['largest'])}"
-        yield Card("Median time", _milliseconds(time["median"]), spread)
-        yield Card("Mean cost", _cost(cost["all"]["mean"]), "scenes with a placement")
-        share = f"{scenes['nontrivial']} scenes above {cost['nontrivial_above']:g} mm²"
-        yield Card("Mean non-trivial cost", _cost(cost["nontrivial"]["mean"]), share)
+        percentile, worst = (_format_milliseconds(time[name]) for name in ("most99", "largest"))
+        spread = f"99 % {percentile}, worst {worst}"
+        yield Card("Median time", _format_milliseconds(time["median"]), spread)
+        yield Card("Mean cost", _format_cost(cost["all"]["mean"]), "scenes with a placement")
+        nontrivial_text = f"{scenes['nontrivial']} scenes above {cost['nontrivial_above']:g} mm²"
+        yield Card(
+            "Mean non-trivial cost", _format_cost(cost["nontrivial"]["mean"]), nontrivial_text
+        )
     overlap = report["overlap"]
     if overlap is not None:
-        shown = f"{1e3 * overlap:.2g}" if overlap > 1e-9 else "0"
-        yield Card("Worst overlap", f"{shown} mm", "after the insertion")
+        overlap_text = f"{1e3 * overlap:.2g}" if overlap > 1e-9 else "0"
+        yield Card("Worst overlap", f"{overlap_text} mm", "after the insertion")
     shelf = report["shelf"]
     width = 1e3 * (shelf["right"] - shelf["left"])
     yield Card("Shelf", f"{width:.1f} mm", f"{1e3 * shelf['height']:.0f} mm clear height")
 
 
-def _books(report: Mapping[str, Any]) -> _Listed:
+def _build_book_table(report: Mapping[str, Any]) -> _TitledTable:
     head = ("Book", "Height x width", "Before: x, y, angle", "After: x, y, angle", "Moved", "State")
-    return _Listed(
+    return _TitledTable(
         "Books",
         "Lengths in mm, angles in degrees, > 0 to the left; x from the middle of the shelf.",
-        Table.of(head, _book_rows(report["books"])),
+        Table.of(head, _list_book_rows(report["books"])),
     )
 
 
-def _book_rows(books: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
+def _list_book_rows(books: Iterable[Mapping[str, Any]]) -> Iterator[tuple[str, ...]]:
     for book in books:
         before, after = book["before"], book["after"]
-        moved = ""
+        distance_text = ""
         if before and after:
-            moved = f"{1e3 * math.hypot(after[0] - before[0], after[1] - before[1]):.2f}"
+            distance_text = f"{1e3 * math.hypot(after[0] - before[0], after[1] - before[1]):.2f}"
         height, width = (1e3 * side for side in book["size"])
         yield (
             book["book"],
             f"{height:.0f} x {width:.0f}",
-            _pose(before),
-            _pose(after),
-            moved,
+            _format_pose(before),
+            _format_pose(after),
+            distance_text,
             book["state"] or "",
         )
 
 
-def _scenes(report: Mapping[str, Any]) -> _Listed:
-    least = report["cost"]["nontrivial_above"]
-    costly = [scene for scene in report["costliest"] if scene["objective"] > least]
+def _build_scene_table(report: Mapping[str, Any]) -> _TitledTable:
+    trivial_cost = report["cost"]["nontrivial_above"]
+    costly = [scene for scene in report["costliest"] if scene["objective"] > trivial_cost]
     head = ("Scene", "Status", "Cost [mm^2]", "Bound [mm^2]", "Time [ms]", "Remark")
-    return _Listed(
+    return _TitledTable(
         "Scenes",
-        f"Those without a placement, then the costliest above {least:g} mm^2; all are in the plan "
-        "file.",
-        Table.of(head, map(_scene_cells, [*report["without_placement"], *costly])),
+        f"Those without a placement, then the costliest above {trivial_cost:g} mm^2; all are in "
+        "the plan file.",
+        Table.of(head, map(_format_scene, [*report["without_placement"], *costly])),
     )
 
 
-def _scene_cells(scene: Mapping[str, Any]) -> tuple[str, ...]:
+def _format_scene(scene: Mapping[str, Any]) -> tuple[str, ...]:
     return (
         str(scene["scene"]),
         scene["status"],
@@ -123,16 +128,16 @@ def _scene_cells(scene: Mapping[str, Any]) -> tuple[str, ...]:
     )
 
 
-def _pose(pose: list[float] | None) -> str:
+def _format_pose(pose: list[float] | None) -> str:
     if pose is None:
         return ""
     x, y, angle = pose
     return f"{1e3 * x:.1f}, {1e3 * y:.1f}, {math.degrees(angle):.1f}°"
 
 
-def _milliseconds(seconds: float | None) -> str:
+def _format_milliseconds(seconds: float | None) -> str:
     return "unknown" if seconds is None else f"{1e3 * seconds:.3g} ms"
 
 
-def _cost(value: float | None) -> str:
+def _format_cost(value: float | None) -> str:
     return "none" if value is None else f"{value:.4g} mm²"

@@ -21,10 +21,10 @@ from matplotlib.patheffects import Normal, Stroke
 
 from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.plan.answer import Placement, SceneAnswer
-from climbplan.bookshelf.scene.rectangles import corners
+from climbplan.bookshelf.scene.rectangles import compute_corners
 from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf, State, state_label
 
-# Told apart with any common colour blindness (after Okabe and Ito): both leans, both flats.
+# Distinguishable with any common colour blindness (after Okabe and Ito): both leans, both flats.
 COLORS = {
     State.FLAT_LEFT: "#56B4E9",
     State.LEAN_LEFT: "#E69F00",
@@ -43,8 +43,8 @@ _DPI = 150
 
 
 @dataclass(frozen=True)
-class Pictured:
-    """One scene and what became of it."""
+class ScenePicture:
+    """One scene with its placement and caption."""
 
     scene: Scene
     placement: Placement | None
@@ -52,19 +52,19 @@ class Pictured:
     title: str = ""
 
 
-def pictured(scene: Scene, answer: SceneAnswer, title: str = "") -> Pictured:
-    """A scene with the solver's answer, its figures as the caption."""
+def build_picture(scene: Scene, answer: SceneAnswer, title: str = "") -> ScenePicture:
+    """Build the picture of a scene from the solver's answer, with cost and bound as caption."""
     if answer.placement is None:
         text = str(answer.shortage) if answer.shortage else "no placement found in time"
-        return Pictured(scene, None, text, title)
+        return ScenePicture(scene, None, text, title)
     text = f"{answer.objective:.2f} mm²"
     if answer.status != "optimal":
         text += f", at least {answer.bound:.2f}"
-    return Pictured(scene, answer.placement, text, title)
+    return ScenePicture(scene, answer.placement, text, title)
 
 
-def states_before(angle: Array) -> IntArray:
-    """What stored books look like by their angles alone (...,)."""
+def infer_states(angle: Array) -> IntArray:
+    """Infer the states (...,) of stored books from their angles alone."""
     c, s = np.cos(angle), np.sin(angle)
     state = np.where(s > 0, int(State.LEAN_LEFT), int(State.LEAN_RIGHT))
     state = np.where(np.abs(s) <= _UPRIGHT_TILT, int(State.UPRIGHT), state)
@@ -73,11 +73,11 @@ def states_before(angle: Array) -> IntArray:
     return np.where(flat & (s < 0), int(State.FLAT_RIGHT), state).astype(np.int64)
 
 
-def scene_figure(item: Pictured, shelf: Shelf) -> Figure:
-    """Before and after side by side, with arrows and a legend."""
+def draw_scene(item: ScenePicture, shelf: Shelf) -> Figure:
+    """Draw a scene before and after side by side, with arrows and a legend."""
     width, height = 1e3 * shelf.width, 1e3 * shelf.height
     panel = 5.0  # [in]
-    figure = _figure(2 * panel + 0.6, panel * (height + 18) / (width + 18) + 1.25)
+    figure = _create_figure(2 * panel + 0.6, panel * (height + 18) / (width + 18) + 1.25)
     before, after = figure.subplots(1, 2, sharey=True, gridspec_kw={"wspace": 0.06})
     draw_before(before, item.scene, shelf)
     before.set_title("before", loc="left", fontsize=10, color=_INK, fontweight="bold")
@@ -92,23 +92,25 @@ def scene_figure(item: Pictured, shelf: Shelf) -> Figure:
         ax.set_xlabel("x [mm]", fontsize=9, color=_INK)
     before.set_ylabel("y [mm]", fontsize=9, color=_INK)
     if item.title:
-        figure.suptitle(_plain(item.title), fontsize=12, fontweight="bold", color=_INK, x=0.5)
-    states = set(states_before(item.scene.pose[:, 2]).tolist())
+        figure.suptitle(_escape_text(item.title), fontsize=12, fontweight="bold", color=_INK, x=0.5)
+    states = set(infer_states(item.scene.pose[:, 2]).tolist())
     if item.placement is not None:
         states |= set(item.placement.state.tolist())
-    _legend(figure, sorted(states))
+    _draw_legend(figure, sorted(states))
     return figure
 
 
-def gallery(items: Sequence[Pictured], shelf: Shelf, columns: int = 4, title: str = "") -> Figure:
-    """Many scenes, before above after in each cell."""
+def draw_gallery(
+    items: Sequence[ScenePicture], shelf: Shelf, columns: int = 4, title: str = ""
+) -> Figure:
+    """Draw many scenes, before above after in each cell."""
     columns = max(1, min(columns, len(items)))
     rows = math.ceil(len(items) / columns)
     width, height = 1e3 * shelf.width, 1e3 * shelf.height
     cell = 11.0 / columns  # [in]
     tall = 2 * cell * (height + 18) / (width + 18) + 0.3
     head = 0.4 if title else 0.05
-    figure = _figure(11.0, rows * tall + 0.5 + head)
+    figure = _create_figure(11.0, rows * tall + 0.5 + head)
     axes = figure.subplots(2 * rows, columns, squeeze=False)
     for ax in axes.flat:
         ax.set_visible(False)
@@ -123,70 +125,70 @@ def gallery(items: Sequence[Pictured], shelf: Shelf, columns: int = 4, title: st
         for ax in (upper, lower):
             ax.set_xticks([])
             ax.set_yticks([])
-        upper.set_title(_plain(item.title), loc="left", fontsize=8, color=_INK)
+        upper.set_title(_escape_text(item.title), loc="left", fontsize=8, color=_INK)
         color = _MUTED if item.placement is not None else _FAILURE
-        upper.set_title(_plain(item.caption), loc="right", fontsize=7.5, color=color)
-        states |= set(states_before(item.scene.pose[:, 2]).tolist())
+        upper.set_title(_escape_text(item.caption), loc="right", fontsize=7.5, color=color)
+        states |= set(infer_states(item.scene.pose[:, 2]).tolist())
         if item.placement is not None:
             states |= set(item.placement.state.tolist())
     if title:
-        figure.suptitle(_plain(title), fontsize=12, fontweight="bold", color=_INK)
-    _legend(figure, sorted(states))
+        figure.suptitle(_escape_text(title), fontsize=12, fontweight="bold", color=_INK)
+    _draw_legend(figure, sorted(states))
     return figure
 
 
 def draw_before(ax: Axes, scene: Scene, shelf: Shelf) -> None:
-    """The shelf with the stored books; the book to insert is not on it yet."""
+    """Draw the shelf with the stored books, without the book to insert."""
     _draw_shelf(ax, shelf)
-    states = states_before(scene.pose[:, 2])
-    outline = 1e3 * corners(scene.pose, scene.size)
+    states = infer_states(scene.pose[:, 2])
+    outline = 1e3 * compute_corners(scene.pose, scene.size)
     for k in range(scene.count):
-        _draw_book(ax, outline[k], _color(states[k]), str(k))
+        _draw_book(ax, outline[k], _select_color(states[k]), str(k))
     _set_view(ax, shelf, float(outline[..., 1].max(initial=0.0)))
 
 
-def draw_after(ax: Axes, item: Pictured, shelf: Shelf) -> None:
-    """The shelf after the insertion; moved books with their old outlines and arrows."""
+def draw_after(ax: Axes, item: ScenePicture, shelf: Shelf) -> None:
+    """Draw the shelf after the insertion, moved books with their previous outlines and arrows."""
     _draw_shelf(ax, shelf)
     scene, placement = item.scene, item.placement
-    before = 1e3 * corners(scene.pose, scene.size)
+    before = 1e3 * compute_corners(scene.pose, scene.size)
     if placement is None:
         for outline in before:
-            ax.add_patch(_outline(outline))
+            ax.add_patch(_build_outline(outline))
         x, y = 1e3 * (shelf.left + shelf.right) / 2, 0.85e3 * shelf.height
         ax.text(x, y, "no placement", ha="center", va="center", fontsize=10, color=_FAILURE)
         _set_view(ax, shelf, float(before[..., 1].max(initial=0.0)))
         return
-    after = 1e3 * corners(placement.pose, scene.sizes)
+    after = 1e3 * compute_corners(placement.pose, scene.sizes)
     for k in range(scene.count):
-        if moved(scene, placement, k):
-            ax.add_patch(_outline(before[k]))
+        if is_moved(scene, placement, k):
+            ax.add_patch(_build_outline(before[k]))
     for k in range(scene.count):
-        # The label makes way for the arrow.
-        aside = _LABEL_ASIDE if moved(scene, placement, k) else 0.0
-        _draw_book(ax, after[k], _color(placement.state[k]), str(k), aside)
+        # The arrow covers the centre.
+        label_offset = _LABEL_ASIDE if is_moved(scene, placement, k) else 0.0
+        _draw_book(ax, after[k], _select_color(placement.state[k]), str(k), label_offset)
     _draw_book(ax, after[-1], INSERTED, hatch="////")
     for k in range(scene.count):
-        if moved(scene, placement, k):
+        if is_moved(scene, placement, k):
             _draw_arrow(ax, 1e3 * scene.pose[k, :2], 1e3 * placement.pose[k, :2])
     _set_view(ax, shelf, float(max(before[..., 1].max(), after[..., 1].max())))
 
 
-def moved(scene: Scene, placement: Placement, k: int) -> bool:
-    """Whether a stored book's centre was moved by more than 1 mm."""
+def is_moved(scene: Scene, placement: Placement, k: int) -> bool:
+    """Return whether a stored book's centre moves by more than 1 mm."""
     step = placement.pose[k, :2] - scene.pose[k, :2]
     return bool(np.hypot(*step) > MOVED)
 
 
-def png(figure: Figure) -> bytes:
-    """The figure as a PNG file."""
+def encode_png(figure: Figure) -> bytes:
+    """Encode a figure as a PNG file."""
     with io.BytesIO() as stream:
         figure.savefig(stream, format="png", dpi=_DPI)
         return stream.getvalue()
 
 
-def _figure(width: float, height: float) -> Figure:
-    # A shelf may be as narrow as anything: pixels of more would not go into memory
+def _create_figure(width: float, height: float) -> Figure:
+    # The figure of a very narrow shelf would not fit into memory without a limit
     figure = Figure(
         figsize=(width, min(height, _TALLEST)), dpi=_DPI, facecolor="white", layout="constrained"
     )
@@ -194,8 +196,8 @@ def _figure(width: float, height: float) -> Figure:
     return figure
 
 
-def _plain(text: str) -> str:
-    """Text that matplotlib draws as it is written."""
+def _escape_text(text: str) -> str:
+    """Escape text that matplotlib must draw literally."""
     return " ".join(text.split()).replace("$", r"\$")
 
 
@@ -212,14 +214,19 @@ def _draw_shelf(ax: Axes, shelf: Shelf) -> None:
 
 
 def _draw_book(
-    ax: Axes, outline: Array, color: str, label: str = "", aside: float = 0.0, hatch: str = ""
+    ax: Axes,
+    outline: Array,
+    color: str,
+    label: str = "",
+    label_offset: float = 0.0,
+    hatch: str = "",
 ) -> None:
-    """A book; its label `aside` times the height above the centre, along the book."""
+    """Draw a book; its label is `label_offset` times the height above the centre."""
     book = Polygon(list(map(tuple, outline)), closed=True, facecolor=color, edgecolor="white")
     book.set(hatch=hatch or None, linewidth=0.8, alpha=0.92, zorder=4)
     ax.add_patch(book)
     if label:
-        x, y = outline.mean(axis=0) + aside * (outline[0] - outline[1])
+        x, y = outline.mean(axis=0) + label_offset * (outline[0] - outline[1])
         ax.text(x, y, label, ha="center", va="center", fontsize=8, color="white", zorder=7)
 
 
@@ -227,14 +234,14 @@ def _draw_arrow(ax: Axes, start: Array, end: Array) -> None:
     head = min(11.0, 5.0 + 0.6 * float(np.hypot(*(end - start))))  # [pt]
     arrow = FancyArrowPatch(tuple(start), tuple(end), arrowstyle="-|>", mutation_scale=head)
     arrow.set(linewidth=1.4, color=_INK, zorder=6)
-    # A light rim keeps it apart from the book below.
+    # A light rim makes it visible on the book below.
     arrow.set_path_effects([Stroke(linewidth=3.0, foreground="white", alpha=0.85), Normal()])
     arrow.shrinkA = arrow.shrinkB = 0.0
     ax.add_patch(arrow)
 
 
-def _outline(outline: Array) -> Polygon:
-    """Where a book was."""
+def _build_outline(outline: Array) -> Polygon:
+    """Build the dashed outline of a book's previous pose."""
     ghost = Polygon(list(map(tuple, outline)), closed=True, facecolor="none", edgecolor=_MUTED)
     ghost.set(linewidth=0.9, linestyle=(0, (3, 2)), zorder=5)
     return ghost
@@ -250,14 +257,16 @@ def _set_view(ax: Axes, shelf: Shelf, highest: float) -> None:
     ax.tick_params(colors=_MUTED, labelsize=8, length=2)
 
 
-def _color(state: int) -> str:
-    """Of a state as a file has it: red for one that there is not."""
-    return {int(known): color for known, color in COLORS.items()}.get(int(state), _FAILURE)
+def _select_color(state: int) -> str:
+    """Select the color of a state number from a file: red for a number that is no state."""
+    return {int(color_by_state): color for color_by_state, color in COLORS.items()}.get(
+        int(state), _FAILURE
+    )
 
 
-def _legend(figure: Figure, states: Sequence[int]) -> None:
+def _draw_legend(figure: Figure, states: Sequence[int]) -> None:
     handles: list[Patch | Line2D] = [
-        Patch(facecolor=_color(state), label=state_label(state)) for state in states
+        Patch(facecolor=_select_color(state), label=state_label(state)) for state in states
     ]
     handles.append(Patch(facecolor=INSERTED, edgecolor="white", hatch="////", label="inserted"))
     handles.append(Line2D([], [], color=_MUTED, lw=0.9, ls=(0, (3, 2)), label="before"))

@@ -6,28 +6,28 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from climbplan.bookshelf.check.verification import verify
-from climbplan.bookshelf.pages.figures import UNITS, gallery_pages, key_figures
+from climbplan.bookshelf.pages.figures import UNITS, compute_key_figures, list_gallery_pages
 from climbplan.bookshelf.pages.page import build_page
 from climbplan.bookshelf.plan.file import FORMAT, FORMAT_VERSION, read_shelf_plan
 from climbplan.bookshelf.plan.shelf_plan import ShelfPlan
 from climbplan.reports.plan_report import FigureOf, PlanReport
-from climbplan.reports.report_files import finite
+from climbplan.reports.report_files import replace_non_finite
 from climbplan.verification.verification import Verification
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
-def figure_functions(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figure]]:
-    """The figures of a plan by file name."""
+def list_figures(plan: ShelfPlan) -> Mapping[str, Callable[[ShelfPlan], Figure]]:
+    """List the figures of a plan by file name."""
     if len(plan.scenes) == 1:
-        return {"scene": FigureOf("climbplan.bookshelf.pages.figure_shelf:the_scene")}
-    statistics = FigureOf("climbplan.bookshelf.pages.figure_shelf:statistics")
-    return {"statistics": statistics, **gallery_pages(plan)}
+        return {"scene": FigureOf("climbplan.bookshelf.pages.figure_shelf:draw_single_scene")}
+    statistics = FigureOf("climbplan.bookshelf.pages.figure_shelf:draw_statistics")
+    return {"statistics": statistics, **list_gallery_pages(plan)}
 
 
-def _values(plan: ShelfPlan, verification: Verification) -> dict[str, Any]:
-    """Root attributes of the file, checks, times, sizes, and the scenes that matter most."""
+def _build_values(plan: ShelfPlan, verification: Verification) -> dict[str, Any]:
+    """Build the report: attributes of the file, checks, times, sizes and key figures."""
     report = {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,
@@ -51,15 +51,15 @@ def _values(plan: ShelfPlan, verification: Verification) -> dict[str, Any]:
         "sizes": plan.sizes,
         "verification": [check.as_dict() for check in verification.checks],
         "warnings": list(plan.warnings),
-        **key_figures(plan),
-        "figures": [f"figures/{name}.png" for name in figure_functions(plan)],
+        **compute_key_figures(plan),
+        "figures": [f"figures/{name}.png" for name in list_figures(plan)],
         "units": UNITS,
     }
-    whole: dict[str, Any] = finite(report)
+    whole: dict[str, Any] = replace_non_finite(report)
     return whole
 
 
-_REPORT = PlanReport(read_shelf_plan, verify, _values, figure_functions, build_page)
+_REPORT = PlanReport(read_shelf_plan, verify, _build_values, list_figures, build_page)
 report_dict = _REPORT.report_dict
 write_report = _REPORT.write_report
 write_values = _REPORT.write_values

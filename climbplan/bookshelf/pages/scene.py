@@ -10,7 +10,7 @@ from climbplan.arrays import Array
 from climbplan.bookshelf.plan.file import read_shelf_plan
 from climbplan.bookshelf.plan.shelf_plan import ShelfPlan
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Boxes, Scene, Shape, block
+from climbplan.reports.viewer.scene import Boxes, Scene, Shape, build_block
 
 _DEPTH = 0.08  # [m] of books and shelf as they are drawn: the model is flat
 _PULLED = 0.14  # [m] before the shelf where the inserted book waits
@@ -19,9 +19,10 @@ _STEPS = np.array([0.0, 0.5, 1.3, 2.0, 2.6])  # [s] books rest, make room, the b
 
 
 def read_scene(path: FilePath) -> Scene:
-    """The scenes of a bookshelf plan file; the model has no time, so the pace is the view's own.
+    """Read the scenes of a bookshelf plan file; the model has no time, so the view sets the pace.
 
-    Raises PlanFileError for a damaged file.
+    Raises:
+        PlanFileError: a damaged file.
     """
     plan = read_shelf_plan(path)
     before = np.full_like(plan.solutions.pose, np.nan)  # (S, n + 1, 3)
@@ -34,7 +35,7 @@ def read_scene(path: FilePath) -> Scene:
     depth = np.zeros((scenes, len(_STEPS), books))
     depth[:, :3, -1] = -_PULLED
     size = plan.scenes.sizes  # (S, n + 1, 2) height, width
-    shown = np.isfinite(poses).all(axis=-1)
+    is_visible = np.isfinite(poses).all(axis=-1)
     edges = np.zeros((*poses.shape[:3], 3))
     edges[..., 0], edges[..., 2] = size[:, None, :, 1], size[:, None, :, 0]
     edges[..., 1] = _DEPTH
@@ -47,14 +48,14 @@ def read_scene(path: FilePath) -> Scene:
         title=plan.name,
         facts=(f"{scenes} scene{'s' if scenes > 1 else ''}, {plan.method}", plan.totals.status),
         time=(np.arange(scenes)[:, None] * _STEPS[-1] + _STEPS).ravel(),
-        caption=tuple(text for text in _captions(plan) for _ in _STEPS),
+        caption=tuple(text for text in _list_captions(plan) for _ in _STEPS),
         marks=np.arange(0, count, len(_STEPS)),
-        shapes=_shelf(plan),
+        shapes=_build_shelf_shapes(plan),
         boxes=Boxes(
             np.stack([x, depth, y], axis=-1).reshape(count, books, 3),
-            _tilt(angle).reshape(count, books, 3, 3),
-            (edges * shown[..., None]).reshape(count, books, 3),
-            (*(palette.limb_color(n) for n in range(books - 1)), palette.FAILURE),
+            _build_tilt_rotations(angle).reshape(count, books, 3, 3),
+            (edges * is_visible[..., None]).reshape(count, books, 3),
+            (*(palette.choose_limb_color(n) for n in range(books - 1)), palette.FAILURE),
         ),
         lower=np.array([shelf.left, -_PULLED, 0.0]),
         upper=reach,
@@ -62,27 +63,27 @@ def read_scene(path: FilePath) -> Scene:
     )
 
 
-def _tilt(angle: Array) -> Array:
-    """Rotations (..., 3, 3) that tilt books to the left by angles (...)."""
-    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    rows = [[c, zero, -s], [zero, one, zero], [s, zero, c]]
+def _build_tilt_rotations(angle: Array) -> Array:
+    """Build rotations (..., 3, 3) that tilt books to the left by angles (...)."""
+    c, s, zeros, ones = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    rows = [[c, zeros, -s], [zeros, ones, zeros], [s, zeros, c]]
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def _captions(plan: ShelfPlan) -> list[str]:
-    found = plan.solutions
+def _list_captions(plan: ShelfPlan) -> list[str]:
+    solutions = plan.solutions
     texts = []
-    for scene, status in enumerate(found.status):
+    for scene, status in enumerate(solutions.status):
         text = f"scene {scene}: {status}"
-        if found.placed[scene]:
-            text += f", {found.objective[scene]:.4g} mm²"
-        elif found.message[scene]:
-            text += f", {found.message[scene]}"
+        if solutions.placed[scene]:
+            text += f", {solutions.objective[scene]:.4g} mm²"
+        elif solutions.message[scene]:
+            text += f", {solutions.message[scene]}"
         texts.append(text)
     return texts
 
 
-def _shelf(plan: ShelfPlan) -> tuple[Shape, ...]:
+def _build_shelf_shapes(plan: ShelfPlan) -> tuple[Shape, ...]:
     shelf, half = plan.shelf, _DEPTH / 2
     left, right, top = shelf.left, shelf.right, shelf.height
     walls = {
@@ -92,6 +93,6 @@ def _shelf(plan: ShelfPlan) -> tuple[Shape, ...]:
         "board above": ([left - _WALL, -half, top], [right + _WALL, half, top + _WALL]),
     }
     return tuple(
-        block(name, np.array(low), np.array(high), palette.OBSTACLE, 0.6)
+        build_block(name, np.array(low), np.array(high), palette.OBSTACLE, 0.6)
         for name, (low, high) in walls.items()
     )

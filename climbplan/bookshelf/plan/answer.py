@@ -1,4 +1,4 @@
-"""What a method says about one scene."""
+"""The answer of a method for one scene."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Status = Literal["optimal", "feasible", "infeasible", "limit"]
 
 @dataclass(frozen=True)
 class Placement:
-    """Where all books are after the insertion, the inserted one last."""
+    """Poses and states of all books after the insertion, the inserted one last."""
 
     pose: Array  # (n + 1, 3) x [m], y [m], angle [rad]
     state: IntArray  # (n + 1,) of `State`
@@ -22,7 +22,7 @@ class Placement:
 
 @dataclass(frozen=True)
 class Shortage:
-    """By how much a scene without a placement misses one, in width or in height."""
+    """Missing width or height of a shelf for which no placement exists."""
 
     width: float  # [m] a shelf this much wider has a placement
     width_bound: float  # [m] one that is widened by this much has none: proved
@@ -36,7 +36,7 @@ class Shortage:
 
 @dataclass(frozen=True)
 class SceneAnswer:
-    """What a method found for one scene."""
+    """Status, placement and bound that a method returned for one scene."""
 
     status: Status  # `limit`: no placement found in time, `feasible`: found but the gap is open
     placement: Placement | None
@@ -46,9 +46,9 @@ class SceneAnswer:
     nodes: int = 0  # of a tree, or iterations
     candidates: int = 0  # placements, or sets of integers, that were tried
     shortage: Shortage | None = None  # if infeasible
-    word: str = ""  # why there is no placement, or what deserves a remark
+    message: str = ""  # why there is no placement, or what deserves a remark
 
     @property
     def gap(self) -> float:
-        """objective - bound [mm^2]."""
+        """Optimality gap: objective - bound [mm^2], infinite without a placement."""
         return self.objective - self.bound if math.isfinite(self.objective) else math.inf

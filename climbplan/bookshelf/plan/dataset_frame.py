@@ -17,20 +17,20 @@ from climbplan.bookshelf.plan.shelf_plan import (
     NO_STATE,
     ShelfPlan,
     Solutions,
-    totals_of,
-    worst_overlap,
+    compute_totals,
+    measure_worst_overlap,
 )
 from climbplan.bookshelf.scene.scene_file import DATASET_KIND
 from climbplan.bookshelf.scene.shelf_scene import PublishedTolerances, Scenes, Shelf
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.store.dataset import Dataset, DatasetFrame, solution_layout
+from climbplan.store.dataset import Dataset, DatasetFrame, build_solution_layout
 
 KIND = DATASET_KIND
 _MEANINGS = ("contact", "published")
 
 
-def frame_of(count: int, shelf: Shelf, meaning: str) -> DatasetFrame:
-    """What scenes of `count` stored books on one shelf share."""
+def build_frame(count: int, shelf: Shelf, meaning: str) -> DatasetFrame:
+    """Build the frame of a dataset: what scenes of `count` stored books on one shelf share."""
     columns = ("x", "y", "angle", "height", "width")
     theta = [f"book_{k}_{column}" for k in range(count) for column in columns]
     facts = {"books": count, "meaning": meaning, "shelf": asdict(shelf)}
@@ -40,18 +40,18 @@ def frame_of(count: int, shelf: Shelf, meaning: str) -> DatasetFrame:
         facts=facts,
         parameter_names=(*theta, "inserted_height", "inserted_width"),
         integer_names=(*(f"state_{k}" for k in range(count)), "state_inserted", "slot"),
-        layouts=_layouts(count),
+        layouts=_build_layouts(count),
         objective_unit="mm^2",
     )
 
 
-def _layouts(count: int) -> dict[str, Any]:
+def _build_layouts(count: int) -> dict[str, Any]:
     return {
-        "pose": solution_layout((count + 1, 3), "m, m, rad", "shelf"),
-        "state": solution_layout((count + 1,), kind="int"),
-        "slot": solution_layout((), kind="int"),
-        "candidates_tried": solution_layout((), kind="int"),
-        "nodes": solution_layout((), kind="int"),
+        "pose": build_solution_layout((count + 1, 3), "m, m, rad", "shelf"),
+        "state": build_solution_layout((count + 1,), kind="int"),
+        "slot": build_solution_layout((), kind="int"),
+        "candidates_tried": build_solution_layout((), kind="int"),
+        "nodes": build_solution_layout((), kind="int"),
     }
 
 
@@ -63,8 +63,8 @@ class ShelfDataset:
     rows: IntArray  # (S,)
 
 
-def shelf_dataset(data: Dataset) -> ShelfDataset:
-    """The rows of a dataset that hold a scene.
+def read_shelf_dataset(data: Dataset) -> ShelfDataset:
+    """Read the rows of a dataset that have a scene.
 
     Raises:
         UsageError: not a dataset of bookshelf scenes, or none in it.
@@ -72,30 +72,30 @@ def shelf_dataset(data: Dataset) -> ShelfDataset:
     """
     if data.frame.kind != KIND:
         raise UsageError(f"a dataset of problem {data.frame.problem!r}, expected {KIND!r}")
-    count, shelf, meaning = _facts(data.frame)
+    count, shelf, meaning = _read_facts(data.frame)
     rows = np.flatnonzero(data.drawn)
     if not len(rows):
         raise UsageError("no scene in the dataset")
     try:
-        scenes = Scenes.as_found(data.parameters[rows])
+        scenes = Scenes.from_theta_unchecked(data.parameters[rows])
     except UsageError as error:
         raise PlanFileError(str(error)) from error
-    if scenes.count != count or data.frame != frame_of(count, shelf, meaning):
+    if scenes.count != count or data.frame != build_frame(count, shelf, meaning):
         raise PlanFileError(f"its columns are not those of scenes with {count} stored books")
     if faults := scenes.faults():
         raise PlanFileError(faults[0])
-    part = {name: value[rows] for name, value in data.solution.items()}
+    arrays = {name: value[rows] for name, value in data.solution.items()}
     feasible = data.feasible[rows]
-    part["pose"] = np.where(feasible[:, None, None], part["pose"], math.nan)
-    part["slot"] = np.where(feasible, part["slot"], NO_STATE)
+    arrays["pose"] = np.where(feasible[:, None, None], arrays["pose"], math.nan)
+    arrays["slot"] = np.where(feasible, arrays["slot"], NO_STATE)
     status = tuple("limit" if data.status[k] == "failed" else data.status[k] for k in rows)
     solutions = Solutions(
-        **part,
+        **arrays,
         status=status,
         objective=np.where(feasible, data.objective[rows], math.inf),
         bound=data.bound[rows],
         time=data.time[rows],
-        overlap=worst_overlap(scenes, part["pose"]),
+        overlap=measure_worst_overlap(scenes, arrays["pose"]),
         message=tuple(data.message[k] for k in rows),
     )
     plan = ShelfPlan(
@@ -106,7 +106,7 @@ def shelf_dataset(data: Dataset) -> ShelfDataset:
         method=str(data.solvers.get("method", "")),
         scenes=scenes,
         solutions=solutions,
-        totals=totals_of(solutions),
+        totals=compute_totals(solutions),
         spec_text=data.spec_text,
         spec_sha256=data.spec_sha256,
         seed=data.base_seed,
@@ -120,8 +120,8 @@ def shelf_dataset(data: Dataset) -> ShelfDataset:
     return ShelfDataset(plan, rows)
 
 
-def _facts(frame: DatasetFrame) -> tuple[int, Shelf, str]:
-    """Stored books, shelf and meaning."""
+def _read_facts(frame: DatasetFrame) -> tuple[int, Shelf, str]:
+    """Read the number of stored books, the shelf and the meaning."""
     facts = frame.facts
     count, meaning, numbers = facts.get("books"), facts.get("meaning"), facts.get("shelf")
     if type(count) is not int or not 1 <= count <= 1000 or meaning not in _MEANINGS:
@@ -129,16 +129,18 @@ def _facts(frame: DatasetFrame) -> tuple[int, Shelf, str]:
     published = numbers.get("published") if isinstance(numbers, dict) else None
     if not isinstance(numbers, dict) or not isinstance(published, dict):
         raise PlanFileError("facts: no numbers of the shelf")
-    own = {field.name for field in fields(Shelf)} - {"published"}
-    theirs = {field.name for field in fields(PublishedTolerances)}
-    given = {**{k: v for k, v in numbers.items() if k != "published"}, **published}
-    known = own | theirs
-    if set(given) != known or not all(type(v) in (int, float) for v in given.values()):
-        raise PlanFileError(f"facts: the shelf has numbers {', '.join(sorted(known))}")
+    shelf_names = {field.name for field in fields(Shelf)} - {"published"}
+    published_names = {field.name for field in fields(PublishedTolerances)}
+    values = {**{k: v for k, v in numbers.items() if k != "published"}, **published}
+    expected_names = shelf_names | published_names
+    if set(values) != expected_names or not all(type(v) in (int, float) for v in values.values()):
+        raise PlanFileError(f"facts: the shelf has numbers {', '.join(sorted(expected_names))}")
     try:
         shelf = Shelf(
-            **{name: float(numbers[name]) for name in own},
-            published=PublishedTolerances(**{name: float(published[name]) for name in theirs}),
+            **{name: float(numbers[name]) for name in shelf_names},
+            published=PublishedTolerances(
+                **{name: float(published[name]) for name in published_names}
+            ),
         )
     except (UsageError, KeyError, OverflowError) as error:  # OverflowError: a number of many digits
         raise PlanFileError(f"facts: {error}") from error

@@ -12,8 +12,8 @@ from climbplan.bookshelf.plan.shelf_plan import STATUSES, ShelfPlan, Solutions, 
 from climbplan.bookshelf.scene.shelf_scene import PublishedTolerances, Scenes, Shelf
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.store.hdf5_layout import Layout
-from climbplan.store.hdf5_reading import Reader, opened_store
-from climbplan.store.hdf5_writing import new_store, write_dataset, write_datasets
+from climbplan.store.hdf5_reading import Reader, open_store
+from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets
 from climbplan.store.root_attributes import read_header, require_finite, require_plan, write_header
 
 FORMAT = "climbplan/bookshelf"
@@ -52,7 +52,7 @@ def write_shelf_plan(plan: ShelfPlan, path: Path) -> None:
     An empty `created` or `climbplan_version` becomes now and this version. Raises UsageError if
     the file cannot be written.
     """
-    with new_store(path) as file:
+    with create_store(path) as file:
         _write_header(file, plan)
         _write_shelf(file.create_group("shelf"), plan.shelf)
         write_dataset(file.create_group("scenes"), "theta", plan.scenes.theta("m"), THETA)
@@ -61,21 +61,22 @@ def write_shelf_plan(plan: ShelfPlan, path: Path) -> None:
 
 
 def read_shelf_plan(path: Path) -> ShelfPlan:
-    """The plan in a file, exactly as it was written.
+    """Read the plan in a file, exactly as it was written.
 
-    Raises PlanFileError for anything that is not a whole bookshelf plan: another format or version,
-    missing or misshapen data, NaN where numbers must be.
+    Raises:
+        PlanFileError: the file is not a whole bookshelf plan: another format or version, missing or
+            misshapen data, NaN where numbers must be.
     """
-    plan = read_as_found(path)
+    plan = read_unchecked_plan(path)
     require_finite(path, plan)
     if faults := plan.scenes.faults():
         raise PlanFileError(f"{path}: {faults[0]}")
     return plan
 
 
-def read_as_found(path: Path) -> ShelfPlan:
-    """As `read_shelf_plan`, but numbers that are not finite are only listed, for a check."""
-    with opened_store(path) as file:
+def read_unchecked_plan(path: Path) -> ShelfPlan:
+    """Read a plan whose numbers may be NaN or infinite: `not_finite` lists them for a check."""
+    with open_store(path) as file:
         reader = Reader(path, file)
         require_plan(reader, FORMAT_VERSION, FORMAT)
         return _read(reader)
@@ -104,8 +105,8 @@ def _write_shelf(group: h5py.Group, shelf: Shelf) -> None:
 
 
 def _read_shelf(reader: Reader) -> Shelf:
-    own = [field.name for field in fields(Shelf) if field.name != "published"]
-    numbers = {name: reader.number("shelf", name) for name in own}
+    names = [field.name for field in fields(Shelf) if field.name != "published"]
+    numbers = {name: reader.number("shelf", name) for name in names}
     published = {
         field.name: reader.number("shelf", f"published_{field.name}")
         for field in fields(PublishedTolerances)
@@ -120,26 +121,26 @@ def _read(reader: Reader) -> ShelfPlan:
     reader.group("scenes")
     theta = reader.array("scenes/theta", THETA)
     try:
-        scenes = Scenes.as_found(theta)
+        scenes = Scenes.from_theta_unchecked(theta)
     except UsageError as error:
         raise reader.refuse(f"scenes/theta: {error}") from error
     reader.dimensions["B"] = scenes.count + 1
     reader.group("solution")
-    parts: dict[str, Any] = reader.datasets("solution", SOLUTION)
-    parts |= reader.datasets("solution", SOLUTION_TEXTS)
-    for name, words, known in (
-        ("status", (reader.text("", "status"), *parts["status"]), STATUSES),
+    arrays: dict[str, Any] = reader.datasets("solution", SOLUTION)
+    arrays |= reader.datasets("solution", SOLUTION_TEXTS)
+    for name, values, allowed in (
+        ("status", (reader.text("", "status"), *arrays["status"]), STATUSES),
         ("meaning", (reader.text("", "meaning"),), _MEANINGS),
     ):
-        if strange := [word for word in words if word not in known]:
-            raise reader.refuse(f"{name} {strange[0]!r}, expected one of {', '.join(known)}")
+        if strange := [value for value in values if value not in allowed]:
+            raise reader.refuse(f"{name} {strange[0]!r}, expected one of {', '.join(allowed)}")
     return ShelfPlan(
         title=reader.text("", "title"),
         shelf=_read_shelf(reader),
         meaning=reader.text("", "meaning"),
         method=reader.text("", "method"),
         scenes=scenes,
-        solutions=Solutions(**parts),
+        solutions=Solutions(**arrays),
         totals=Totals(
             reader.text("", "status"),
             reader.number("", "objective"),

@@ -1,4 +1,4 @@
-"""The result of a bookshelf run: scenes, where the books go, and what was proved."""
+"""The result of a bookshelf run: scenes, placements, and proved bounds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.bookshelf.plan.answer import Placement, SceneAnswer
-from climbplan.bookshelf.scene.rectangles import separation, slots
+from climbplan.bookshelf.scene.rectangles import compute_separation, find_slots
 from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf
 from climbplan.store.root_attributes import PlanHeader
 
@@ -20,7 +20,7 @@ NO_STATE = -1  # of every book of a scene without a placement, and its slot
 
 @dataclass(frozen=True)
 class Solutions:
-    """What was found for S scenes of n stored books; no placement: NaN poses, states -1."""
+    """Solutions of S scenes with n stored books; without a placement poses are NaN, states -1."""
 
     pose: Array  # (S, n + 1, 3) x [m], y [m], angle [rad], the inserted book last
     state: IntArray  # (S, n + 1) of `State`
@@ -36,7 +36,7 @@ class Solutions:
 
     @classmethod
     def of(cls, scenes: Scenes, answers: Sequence[SceneAnswer]) -> Solutions:
-        """From answers that were checked."""
+        """Build solutions from checked answers."""
         count, books = len(scenes), scenes.count + 1
         pose = np.full((count, books, 3), math.nan)
         state = np.full((count, books), NO_STATE, np.int64)
@@ -44,7 +44,7 @@ class Solutions:
             if answer.placement is not None:
                 pose[k], state[k] = answer.placement.pose, answer.placement.state
         placed = np.isfinite(pose).all(axis=(1, 2))
-        slot = np.where(placed, slots(pose, scenes.sizes), NO_STATE)
+        slot = np.where(placed, find_slots(pose, scenes.sizes), NO_STATE)
         return cls(
             pose=pose,
             state=state,
@@ -55,24 +55,24 @@ class Solutions:
             time=np.array([answer.seconds for answer in answers], float),
             candidates_tried=np.array([answer.candidates for answer in answers], np.int64),
             nodes=np.array([answer.nodes for answer in answers], np.int64),
-            overlap=worst_overlap(scenes, pose),
-            message=tuple(_message(answer) for answer in answers),
+            overlap=measure_worst_overlap(scenes, pose),
+            message=tuple(_build_message(answer) for answer in answers),
         )
 
     @property
     def placed(self) -> BoolArray:
-        """Which scenes have a placement (S,)."""
+        """Mask (S,) of the scenes that have a placement."""
         return np.asarray(np.isfinite(self.pose).all(axis=(1, 2)), bool)
 
     def placement(self, scene: int) -> Placement | None:
-        """Where the books of a scene go."""
+        """Return the placement of a scene, None if it has none."""
         if not self.placed[scene]:
             return None
         return Placement(self.pose[scene], self.state[scene], int(self.slot[scene]))
 
     def count(self, *status: str) -> int:
-        """How many scenes ended like that."""
-        return sum(word in status for word in self.status)
+        """Count the scenes with one of these statuses."""
+        return sum(scene_status in status for scene_status in self.status)
 
 
 @dataclass(frozen=True)
@@ -98,22 +98,22 @@ class ShelfPlan(PlanHeader):
     totals: Totals
 
 
-def totals_of(solutions: Solutions) -> Totals:
-    """One status, cost and bound of all scenes."""
+def compute_totals(solutions: Solutions) -> Totals:
+    """Compute one status, cost and bound of all scenes."""
     placed = solutions.placed
     objective = float(solutions.objective[placed].sum())
     bound = float(solutions.bound[placed].sum())
-    known = placed.any() and math.isfinite(bound)
+    has_bound = placed.any() and math.isfinite(bound)
     return Totals(
-        status_of(solutions.status),
+        combine_statuses(solutions.status),
         objective,
-        bound if known else None,
-        objective - bound if known else None,
+        bound if has_bound else None,
+        objective - bound if has_bound else None,
     )
 
 
-def status_of(statuses: Sequence[str]) -> str:
-    """`limit` if a scene has no answer, `infeasible` if none has a placement, else the weaker."""
+def combine_statuses(statuses: Sequence[str]) -> str:
+    """Combine statuses: `limit` if one is, `infeasible` if all are, otherwise the weaker one."""
     if "limit" in statuses:
         return "limit"
     if all(status == "infeasible" for status in statuses):
@@ -121,16 +121,21 @@ def status_of(statuses: Sequence[str]) -> str:
     return "feasible" if "feasible" in statuses else "optimal"
 
 
-def worst_overlap(scenes: Scenes, pose: Array) -> Array:
-    """Deepest penetration of two books (S,) [m]; NaN where the pose (S, n + 1, 3) is NaN."""
+def measure_worst_overlap(scenes: Scenes, pose: Array) -> Array:
+    """Measure the deepest penetration of two books (S,) [m]; NaN where the pose is NaN.
+
+    Args:
+        scenes: sizes of the books.
+        pose: (S, n + 1, 3) x [m], y [m], angle [rad], the inserted book last.
+    """
     size = scenes.sizes
     i, j = np.triu_indices(pose.shape[1], 1)
-    depth = -separation(pose[:, i], size[:, i], pose[:, j], size[:, j])
+    depth = -compute_separation(pose[:, i], size[:, i], pose[:, j], size[:, j])
     worst: Array = np.maximum(depth.max(axis=1), 0.0)
     return worst
 
 
-def _message(answer: SceneAnswer) -> str:
+def _build_message(answer: SceneAnswer) -> str:
     if answer.status == "infeasible" and answer.shortage is not None:
-        return "; ".join(filter(None, (str(answer.shortage), answer.word)))
-    return answer.word
+        return "; ".join(filter(None, (str(answer.shortage), answer.message)))
+    return answer.message

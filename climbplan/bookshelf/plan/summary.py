@@ -23,7 +23,7 @@ class Spread:
 
     @classmethod
     def of(cls, values: Array) -> Spread:
-        """Of (K,) values."""
+        """Compute the statistics of values (K,)."""
         if values.size == 0:
             return cls(np.nan, np.nan, np.nan, np.nan)
         return cls(
@@ -34,52 +34,58 @@ class Spread:
         )
 
 
-def nontrivial(solutions: Solutions) -> Array:
-    """Costs of the scenes that need movement (K,) [mm^2]."""
+def select_nontrivial_costs(solutions: Solutions) -> Array:
+    """Select the costs (K,) [mm^2] of the scenes that need movement."""
     cost = solutions.objective[solutions.placed]
     return cost[cost > TRIVIAL]
 
 
-def summary_lines(plan: ShelfPlan) -> tuple[str, ...]:
-    """Head, solve and cost lines as shown on a terminal."""
-    found, total = plan.solutions, len(plan.scenes)
+def build_summary_lines(plan: ShelfPlan) -> tuple[str, ...]:
+    """Build the head, solve and cost lines that a terminal shows."""
+    solutions, total = plan.solutions, len(plan.scenes)
     books = f"{plan.scenes.count} stored book{'' if plan.scenes.count == 1 else 's'}"
-    many = "1 scene" if total == 1 else f"{total} scenes"
+    count_text = "1 scene" if total == 1 else f"{total} scenes"
     width = f"shelf {1e3 * plan.shelf.width:.1f} mm"
     method = f"method {plan.method}, meaning {plan.meaning}"
-    head = f"{plan.name:<16} {many}, {books}, {width}, {method}"
+    head = f"{plan.name:<16} {count_text}, {books}, {width}, {method}"
     seconds = f"{plan.timings['solve']:.2f} s"
     if total == 1:
-        cost = f"cost {found.objective[0]:.4g} mm^2"
-        if np.isfinite(found.bound[0]):
-            cost += f", bound {found.bound[0]:.4g}"
-        solve = f"{'solve':<9} {found.status[0]:<9} {seconds}   {cost}, {_tried(found)}"
+        cost = f"cost {solutions.objective[0]:.4g} mm^2"
+        if np.isfinite(solutions.bound[0]):
+            cost += f", bound {solutions.bound[0]:.4g}"
+        effort = _describe_effort(solutions)
+        solve = f"{'solve':<9} {solutions.status[0]:<9} {seconds}   {cost}, {effort}"
         return (head, solve)
-    time = Spread.of(1e3 * found.time)
-    placed = found.placed
+    time = Spread.of(1e3 * solutions.time)
+    placed = solutions.placed
     solved = f"{placed.sum()} of {total}"
     ms = f"median {time.median:.3g} ms, 99 % {time.most99:.3g} ms, worst {time.largest:.3g} ms"
     lines = [head, f"{'solve':<9} {solved:<9} {seconds}   {ms}"]
     if placed.any():
-        moving = nontrivial(found)
-        mean = f"mean {found.objective[placed].mean():.4g} mm^2"
-        share = f"{len(moving)} scenes above {TRIVIAL:g} mm^2"
-        mean += f"; {share}: mean {moving.mean():.4g} mm^2" if len(moving) else f"; {share}"
+        nontrivial_costs = select_nontrivial_costs(solutions)
+        mean = f"mean {solutions.objective[placed].mean():.4g} mm^2"
+        nontrivial_text = f"{len(nontrivial_costs)} scenes above {TRIVIAL:g} mm^2"
+        mean += (
+            f"; {nontrivial_text}: mean {nontrivial_costs.mean():.4g} mm^2"
+            if len(nontrivial_costs)
+            else f"; {nontrivial_text}"
+        )
         lines.append(f"{'cost':<9} {plan.totals.status:<9} {'':>{len(seconds)}}   {mean}")
     missing = [
-        f"{found.count(status)} {words}"
-        for status, words in (
+        f"{solutions.count(status)} {label}"
+        for status, label in (
             ("infeasible", "proved infeasible"),
             ("limit", "without an answer"),
         )
-        if found.count(status)
+        if solutions.count(status)
     ]
     if missing:
-        others = f"{'others':<9} {total - placed.sum():<9} {'':>{len(seconds)}}"
-        lines.append(f"{others}   {', '.join(missing)}")
+        prefix = f"{'others':<9} {total - placed.sum():<9} {'':>{len(seconds)}}"
+        lines.append(f"{prefix}   {', '.join(missing)}")
     return tuple(lines)
 
 
-def _tried(found: Solutions) -> str:
-    nodes, tried = found.nodes[0], found.candidates_tried[0]
-    return f"{nodes} node{'' if nodes == 1 else 's'}, {tried} candidate{'' if tried == 1 else 's'}"
+def _describe_effort(solutions: Solutions) -> str:
+    nodes, candidates = solutions.nodes[0], solutions.candidates_tried[0]
+    node_text = f"{nodes} node{'' if nodes == 1 else 's'}"
+    return f"{node_text}, {candidates} candidate{'' if candidates == 1 else 's'}"

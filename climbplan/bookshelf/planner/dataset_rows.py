@@ -9,12 +9,12 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.bookshelf.methods.setting import MethodSetting
-from climbplan.bookshelf.methods.table import prepare
-from climbplan.bookshelf.plan.dataset_frame import frame_of
+from climbplan.bookshelf.methods.table import prepare_method
+from climbplan.bookshelf.plan.dataset_frame import build_frame
 from climbplan.bookshelf.plan.shelf_plan import Solutions
-from climbplan.bookshelf.planner.runs import checked, compile_first
-from climbplan.bookshelf.scene.generator import DropRules, draw_scene, shelf_for
-from climbplan.bookshelf.scene.scene_source import shelf_of
+from climbplan.bookshelf.planner.runs import check_answers, compile_solver
+from climbplan.bookshelf.scene.generator import DropRules, build_drop_shelf, draw_scene
+from climbplan.bookshelf.scene.scene_source import build_shelf
 from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes
 from climbplan.bookshelf.schema.dataset import BookshelfProblemSpec
 from climbplan.store.dataset import DatasetFrame
@@ -25,14 +25,18 @@ class ShelfRows:
     """Draws scenes and solves them, each answer through the exact check of its meaning."""
 
     def __init__(self, spec: BookshelfProblemSpec, directory: Path, seed: int) -> None:
-        """directory: where the spec's files are looked up. Raises as `methods.prepare` does."""
-        self._rules = rules_of(spec)
+        """directory: where the spec's files are looked up. Raises as `prepare_method` does."""
+        self._rules = build_drop_rules(spec)
         self._count = spec.books
-        shelf = shelf_for(spec.books, self._rules) if spec.shelf is None else shelf_of(spec.shelf)
+        shelf = (
+            build_drop_shelf(spec.books, self._rules)
+            if spec.shelf is None
+            else build_shelf(spec.shelf)
+        )
         self._setting = MethodSetting(shelf, spec.meaning, spec.solver, directory, seed)
-        compile_first(self._setting)
-        self._method = prepare(self._setting, spec.books)
-        self._frame = frame_of(spec.books, shelf, spec.meaning)
+        compile_solver(self._setting)
+        self._method = prepare_method(self._setting, spec.books)
+        self._frame = build_frame(spec.books, shelf, spec.meaning)
 
     @property
     def frame(self) -> DatasetFrame:
@@ -43,30 +47,30 @@ class ShelfRows:
         """A dropped scene; raises LimitReached if none comes to rest."""
         return draw_scene(rng, self._count, self._rules)
 
-    def parameters(self, drawn: Scene) -> Array:
+    def parameters(self, scene: Scene) -> Array:
         """`theta` in metres."""
-        row: Array = Scenes.of([drawn]).theta()[0]
+        row: Array = Scenes.of([scene]).theta()[0]
         return row
 
-    def solve(self, drawn: Scene) -> RowAnswer:
+    def solve(self, scene: Scene) -> RowAnswer:
         """The checked answer of the spec's method."""
-        scenes = Scenes.of([drawn])
-        answer = checked(scenes, [self._method.solve(drawn)], self._setting)[0]
-        found = Solutions.of(scenes, [answer])
+        scenes = Scenes.of([scene])
+        answer = check_answers(scenes, [self._method.solve(scene)], self._setting)[0]
+        solutions = Solutions.of(scenes, [answer])
         placed = answer.placement is not None
         return RowAnswer(
             status=answer.status,
-            message=found.message[0],
-            solution={name: vars(found)[name][0] for name in self._frame.layouts},
-            integers=np.append(found.state[0], found.slot[0]),
+            message=solutions.message[0],
+            solution={name: vars(solutions)[name][0] for name in self._frame.layouts},
+            integers=np.append(solutions.state[0], solutions.slot[0]),
             objective=answer.objective if placed else math.nan,
             bound=answer.bound,
             time=answer.seconds,
         )
 
 
-def rules_of(spec: BookshelfProblemSpec) -> DropRules:
-    """How a spec has books dropped."""
+def build_drop_rules(spec: BookshelfProblemSpec) -> DropRules:
+    """Build the rules by which a spec drops books."""
     drop = spec.drop
     return DropRules(
         width_mm=drop.width_mm,

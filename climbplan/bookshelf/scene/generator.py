@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.bookshelf.scene.rectangles import half_extents
+from climbplan.bookshelf.scene.rectangles import compute_half_extents
 from climbplan.bookshelf.scene.shelf_scene import PublishedTolerances, Scene, Scenes, Shelf
 from climbplan.errors import LimitReached, MissingSolver
 
@@ -54,34 +54,36 @@ class DropRules:
     attempts: int = 2000
 
 
-def shelf_for(count: int, rules: DropRules | None = None) -> Shelf:
-    """The shelf that `count` stored books are dropped onto: room for one more of the widest."""
+def build_drop_shelf(count: int, rules: DropRules | None = None) -> Shelf:
+    """Build the shelf onto which `count` + 1 books are dropped; it fits them at their widest."""
     rules = rules or DropRules()
-    half = _half_room(count + 1, rules)
+    half = _compute_half_frame(count + 1, rules)
     inner, clear = 1e-3 * (half - WALL - SKIN + _SLOP), 1e-3 * (rules.height_mm[1] + 20)
     published = PublishedTolerances(half_width=1e-3 * half, height=clear)
     return Shelf(left=-inner, right=inner, height=clear, published=published)
 
 
 def generate_scene(seed: int, index: int, count: int, rules: DropRules | None = None) -> Scene:
-    """Scene number `index` of a seed with `count` stored books; the same whenever it is asked for.
+    """Generate scene `index` of a seed with `count` stored books, reproducibly.
 
     Raises:
         MissingSolver: pymunk is not installed.
-        LimitReached: no drop came to rest as wanted within the attempts.
+        LimitReached: no drop came to rest by the rules within the attempts.
     """
     return draw_scene(np.random.default_rng([seed, count, index]), count, rules)
 
 
 def draw_scene(rng: np.random.Generator, count: int, rules: DropRules | None = None) -> Scene:
-    """A scene with `count` stored books, by dropping until one comes to rest as wanted.
+    """Draw a scene with `count` stored books: drop books until one scene meets the rules.
 
-    Raises as `generate_scene`.
+    Raises:
+        MissingSolver: pymunk is not installed.
+        LimitReached: no drop came to rest by the rules within the attempts.
     """
     rules = rules or DropRules()
-    pymunk = _pymunk()
+    pymunk = _import_pymunk()
     for _ in range(rules.attempts):
-        scene = _drop(pymunk, rng, count, rules)
+        scene = _drop_books(pymunk, rng, count, rules)
         if scene is not None:
             return scene
     raise LimitReached(
@@ -97,22 +99,22 @@ def generate_scenes(
     rules: DropRules | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Scenes:
-    """`scenes` scenes with `count` stored books; raises as `generate_scene`."""
-    made = []
+    """Generate `scenes` scenes with `count` stored books; raises as `generate_scene`."""
+    generated = []
     for index in range(scenes):
-        made.append(generate_scene(seed, index, count, rules))
+        generated.append(generate_scene(seed, index, count, rules))
         if progress is not None:
-            progress(len(made))
-    return Scenes.of(made)
+            progress(len(generated))
+    return Scenes.of(generated)
 
 
-def _half_room(books: int, rules: DropRules) -> float:
-    """From the middle of the frame to its sides [mm]."""
-    room = (rules.width_mm[1] + 4) * books if rules.room_mm is None else rules.room_mm
-    return room / 2
+def _compute_half_frame(books: int, rules: DropRules) -> float:
+    """Compute the distance from the middle of the frame to its sides [mm]."""
+    frame_width = (rules.width_mm[1] + 4) * books if rules.room_mm is None else rules.room_mm
+    return frame_width / 2
 
 
-def _pymunk() -> ModuleType:
+def _import_pymunk() -> ModuleType:
     try:
         import pymunk
     except ImportError as error:
@@ -123,19 +125,19 @@ def _pymunk() -> ModuleType:
     return pymunk
 
 
-def _drop(
+def _drop_books(
     pymunk: ModuleType, rng: np.random.Generator, count: int, rules: DropRules
 ) -> Scene | None:
     """One drop; None if it does not come to rest as wanted."""
     books = count + 1
-    half = _half_room(books, rules)
+    half = _compute_half_frame(books, rules)
     width = rng.integers(rules.width_mm[0], rules.width_mm[1], books, endpoint=True).astype(float)
     height = rng.integers(rules.height_mm[0], rules.height_mm[1], books, endpoint=True).astype(
         float
     )
-    least, most = rules.gap_mm
-    most = max(least, math.floor(most - rules.gap_less_mm * (books - 4)))
-    gap = rng.integers(least, most, books, endpoint=True)
+    min_gap, max_gap = rules.gap_mm
+    max_gap = max(min_gap, math.floor(max_gap - rules.gap_less_mm * (books - 4)))
+    gap = rng.integers(min_gap, max_gap, books, endpoint=True)
     tilt = rng.uniform(-rules.tilt, rules.tilt, books)
     walk = np.cumsum(rng.integers(-rules.step_mm, rules.step_mm, books, endpoint=True))
     upright_wanted = rng.random() < rules.upright_kept
@@ -145,50 +147,67 @@ def _drop(
     clear = rules.height_mm[1] + 20
     y = 2 * clear / 3 + walk
 
+    space, bodies = _create_space(pymunk, rules, half, np.stack([x, y, tilt], 1), (width, height))
+    if not _simulate_until_rest(space, bodies, rules):
+        return None
+    pose = _read_poses(bodies)
+    if not _is_standing(pose, height, width):
+        return None
+    removed = int(np.argmin(np.abs(pose[:, 2])))
+    if abs(pose[removed, 2]) > rules.most_upright:
+        return None
+    space.remove(bodies[removed], *bodies[removed].shapes)
+    remaining = [k for k in range(books) if k != removed]
+    if not _simulate_until_rest(space, [bodies[k] for k in remaining], rules):
+        return None
+    pose = _read_poses([bodies[k] for k in remaining])
+    if not _is_standing(pose, height[remaining], width[remaining]):
+        return None
+    if np.abs(pose[:, 2]).max() <= rules.nearly_upright and not upright_wanted:
+        return None
+    pose[:, :2] *= 1e-3
+    size = 1e-3 * np.stack([height, width], axis=1)
+    return Scene(pose, size[remaining], size[removed])
+
+
+def _create_space(
+    pymunk: ModuleType, rules: DropRules, half: float, pose: Array, size: tuple[Array, Array]
+) -> tuple[Any, list[Any]]:
+    """Create the simulated frame and the books in it.
+
+    Args:
+        pymunk: the module.
+        rules: frictions, masses and gravity.
+        half: distance from the middle of the frame to its sides [mm].
+        pose: (n, 3) x, y [mm] and angle [rad] of the books at the start.
+        size: widths (n,) and heights (n,) [mm].
+    """
+    (x, y, tilt), (width, height) = pose.T, size
+    clear = rules.height_mm[1] + 20
     space = pymunk.Space()
     space.gravity = (0.0, -rules.gravity)
-    tall = 20.0 * clear
+    wall_top = 20.0 * clear
     for a, b in (
         ((-half, 0.0), (half, 0.0)),
-        ((-half, 0.0), (-half, tall)),
-        ((half, 0.0), (half, tall)),
+        ((-half, 0.0), (-half, wall_top)),
+        ((half, 0.0), (half, wall_top)),
     ):
         wall = pymunk.Segment(space.static_body, a, b, WALL)
         wall.friction, wall.elasticity = rules.wall_friction, rules.wall_elasticity
         space.add(wall)
     bodies = []
-    for k in range(books):
+    for k in range(len(pose)):
         body = pymunk.Body(rules.mass, pymunk.moment_for_box(rules.mass, (width[k], height[k])))
         body.position, body.angle = (float(x[k]), float(y[k])), float(tilt[k])
         shape = pymunk.Poly.create_box(body, (width[k], height[k]), SKIN)
         shape.friction = rules.book_friction
         space.add(body, shape)
         bodies.append(body)
-
-    if not _settle(space, bodies, rules):
-        return None
-    pose = _poses(bodies)
-    if not _stands(pose, height, width):
-        return None
-    taken = int(np.argmin(np.abs(pose[:, 2])))
-    if abs(pose[taken, 2]) > rules.most_upright:
-        return None
-    space.remove(bodies[taken], *bodies[taken].shapes)
-    rest = [k for k in range(books) if k != taken]
-    if not _settle(space, [bodies[k] for k in rest], rules):
-        return None
-    pose = _poses([bodies[k] for k in rest])
-    if not _stands(pose, height[rest], width[rest]):
-        return None
-    if np.abs(pose[:, 2]).max() <= rules.nearly_upright and not upright_wanted:
-        return None
-    pose[:, :2] *= 1e-3
-    size = 1e-3 * np.stack([height, width], axis=1)
-    return Scene(pose, size[rest], size[taken])
+    return space, bodies
 
 
-def _settle(space: Any, bodies: list[Any], rules: DropRules) -> bool:
-    """Run until all books rest; False if they do not in time."""
+def _simulate_until_rest(space: Any, bodies: list[Any], rules: DropRules) -> bool:
+    """Simulate until all books rest; False if the time ends before."""
     quiet = 0
     for _ in range(round(rules.seconds / rules.step)):
         space.step(rules.step)
@@ -199,16 +218,16 @@ def _settle(space: Any, bodies: list[Any], rules: DropRules) -> bool:
     return False
 
 
-def _poses(bodies: list[Any]) -> Array:
-    """x, y, angle (n, 3) [mm, rad], ground at y = 0; a book turned upside down is the same book."""
+def _read_poses(bodies: list[Any]) -> Array:
+    """Read x, y, angle (n, 3) [mm, rad] with the ground at y = 0 and angles modulo pi."""
     pose = np.array([(*body.position, body.angle) for body in bodies], float)
     pose[:, 1] -= WALL + SKIN
     pose[:, 2] = pose[:, 2] - math.pi * np.round(pose[:, 2] / math.pi)
     return pose
 
 
-def _stands(pose: Array, height: Array, width: Array) -> bool:
-    """Every book on the ground, from left to right."""
-    reach = half_extents(pose[:, 2], np.stack([height, width], axis=1))
+def _is_standing(pose: Array, height: Array, width: Array) -> bool:
+    """Return whether every book is on the ground and all are in order from left to right."""
+    reach = compute_half_extents(pose[:, 2], np.stack([height, width], axis=1))
     on_ground = np.abs(pose[:, 1] - reach[:, 1]) < 0.5
     return bool(on_ground.all() and (np.diff(pose[:, 0]) > 0).all())

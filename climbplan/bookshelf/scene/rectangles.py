@@ -13,8 +13,8 @@ from climbplan.arrays import Array, IntArray
 ANGLE_LIMIT = 1e-4  # [rad] moves a corner by about as much
 
 
-def corners(pose: Array, size: Array) -> Array:
-    """Corners (..., 4, 2), eq. (8.1): top right, bottom right, bottom left, top left."""
+def compute_corners(pose: Array, size: Array) -> Array:
+    """Compute corners (..., 4, 2), eq. (8.1): top right, bottom right, bottom left, top left."""
     half_height, half_width = size[..., 0, None] / 2, size[..., 1, None] / 2
     along = np.array([1.0, 1.0, -1.0, -1.0]) * half_width
     up = np.array([1.0, -1.0, -1.0, 1.0]) * half_height
@@ -24,43 +24,44 @@ def corners(pose: Array, size: Array) -> Array:
     return np.stack([x, y], axis=-1)
 
 
-def half_extents(angle: Array, size: Array) -> Array:
-    """Half width and half height (..., 2) of the upright box around a tilted book."""
+def compute_half_extents(angle: Array, size: Array) -> Array:
+    """Compute half width and half height (..., 2) of a tilted book's axis-aligned box."""
     c, s = np.abs(np.cos(angle)), np.abs(np.sin(angle))
     height, width = size[..., 0], size[..., 1]
     return np.stack([(width * c + height * s) / 2, (width * s + height * c) / 2], axis=-1)
 
 
-def separation(pose_a: Array, size_a: Array, pose_b: Array, size_b: Array) -> Array:
-    """Largest gap (...) along a face normal of either rectangle; minus the penetration depth if
-    they overlap.
+def compute_separation(pose_a: Array, size_a: Array, pose_b: Array, size_b: Array) -> Array:
+    """Compute the largest gap (...) along a face normal of either rectangle.
 
-    Exact by the separating axis theorem: of two overlapping rectangles the least translation that
-    parts them is along one of the four face normals.
+    It is minus the penetration depth of rectangles that overlap. That is exact by the separating
+    axis theorem: the smallest translation that separates them is along one of the face normals.
     """
     gaps = []
     for angle in (pose_a[..., 2], pose_b[..., 2]):
         for turn in (0.0, np.pi / 2):
             normal = np.stack([np.cos(angle + turn), np.sin(angle + turn)], axis=-1)
             between = np.abs(((pose_b[..., :2] - pose_a[..., :2]) * normal).sum(axis=-1))
-            reach = _reach(pose_a, size_a, normal) + _reach(pose_b, size_b, normal)
+            reach = _compute_half_extent(pose_a, size_a, normal) + _compute_half_extent(
+                pose_b, size_b, normal
+            )
             gaps.append(between - reach)
     return np.max(gaps, axis=0)
 
 
-def distance(pose_a: Array, size_a: Array, pose_b: Array, size_b: Array) -> Array:
-    """Distance (...) between two rectangles, zero if they overlap.
+def compute_distance(pose_a: Array, size_a: Array, pose_b: Array, size_b: Array) -> Array:
+    """Compute the distance (...) between two rectangles, zero if they overlap.
 
     The nearest points of two convex polygons that do not meet include a corner of one of them.
     """
-    apart = separation(pose_a, size_a, pose_b, size_b) > 0
-    from_a = _to_rectangle(corners(pose_a, size_a), pose_b, size_b).min(axis=-1)
-    from_b = _to_rectangle(corners(pose_b, size_b), pose_a, size_a).min(axis=-1)
+    apart = compute_separation(pose_a, size_a, pose_b, size_b) > 0
+    from_a = _measure_distance_to(compute_corners(pose_a, size_a), pose_b, size_b).min(axis=-1)
+    from_b = _measure_distance_to(compute_corners(pose_b, size_b), pose_a, size_a).min(axis=-1)
     return np.where(apart, np.minimum(from_a, from_b), 0.0)
 
 
-def _reach(pose: Array, size: Array, normal: Array) -> Array:
-    """Half the rectangle's extent along `normal` (..., 2)."""
+def _compute_half_extent(pose: Array, size: Array, normal: Array) -> Array:
+    """Compute half of the rectangle's extent along `normal` (..., 2)."""
     c, s = np.cos(pose[..., 2]), np.sin(pose[..., 2])
     along = np.abs(normal[..., 0] * c + normal[..., 1] * s)
     up = np.abs(normal[..., 1] * c - normal[..., 0] * s)
@@ -68,8 +69,8 @@ def _reach(pose: Array, size: Array, normal: Array) -> Array:
     return reach
 
 
-def _to_rectangle(points: Array, pose: Array, size: Array) -> Array:
-    """Distance (..., K) of points (..., K, 2) from a rectangle."""
+def _measure_distance_to(points: Array, pose: Array, size: Array) -> Array:
+    """Measure the distance (..., K) of points (..., K, 2) from a rectangle."""
     c, s = np.cos(pose[..., 2, None]), np.sin(pose[..., 2, None])
     offset = points - pose[..., None, :2]
     along = np.abs(offset[..., 0] * c + offset[..., 1] * s) - size[..., 1, None] / 2
@@ -77,14 +78,14 @@ def _to_rectangle(points: Array, pose: Array, size: Array) -> Array:
     return np.hypot(np.maximum(along, 0), np.maximum(up, 0))
 
 
-def slots(pose: Array, size: Array) -> IntArray:
-    """How many stored books stand left of the inserted one (S,), by their feet."""
-    feet = ground_contact(pose, size)
+def find_slots(pose: Array, size: Array) -> IntArray:
+    """Find the slot (S,) of the inserted book: the number of stored books whose foot is left."""
+    feet = find_ground_contact(pose, size)
     return (feet[:, :-1] < feet[:, -1:]).sum(axis=1)
 
 
-def ground_contact(pose: Array, size: Array) -> Array:
-    """x of the ground contact, of its middle for flat and upright books (..., ) [m]."""
+def find_ground_contact(pose: Array, size: Array) -> Array:
+    """Find x of the ground contact (...,) [m]; flat and upright books have it in their middle."""
     angle = pose[..., 2]
     c, s = np.cos(angle), np.sin(angle)
     lever = (size[..., 0] * np.abs(s) - size[..., 1] * c) / 2

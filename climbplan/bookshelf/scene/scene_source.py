@@ -1,4 +1,4 @@
-"""From a bookshelf spec to its shelf and scenes."""
+"""Shelf and scenes of a bookshelf spec."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.bookshelf.scene.rectangles import half_extents
+from climbplan.bookshelf.scene.rectangles import compute_half_extents
 from climbplan.bookshelf.scene.scene_file import NoSuchGroup, read_scenes
 from climbplan.bookshelf.scene.shelf_scene import (
     PublishedTolerances,
@@ -23,8 +23,8 @@ from climbplan.errors import SpecError, SpecMistake, UsageError
 _MOST_ROWS = 20  # wrong numbers of a file that are listed
 
 
-def shelf_of(spec: ShelfSpec) -> Shelf:
-    """The shelf as written in a spec."""
+def build_shelf(spec: ShelfSpec) -> Shelf:
+    """Build the shelf of a spec."""
     published = spec.published
     return Shelf(
         left=spec.left_mm / 1000,
@@ -43,31 +43,31 @@ def shelf_of(spec: ShelfSpec) -> Shelf:
     )
 
 
-def scene_of(spec: ShelfSceneSpec) -> Scene:
-    """The scene as written in a spec; books without a height stand on the ground."""
+def build_scene(spec: ShelfSceneSpec) -> Scene:
+    """Build the scene of a spec; books without `y_mm` stand on the ground."""
     size = np.array([(b.height_mm, b.width_mm) for b in spec.books], float)
     angle = np.radians([b.tilt_deg for b in spec.books])
-    ground = half_extents(angle, size)[:, 1]
+    ground = compute_half_extents(angle, size)[:, 1]
     y = [g if b.y_mm is None else b.y_mm for b, g in zip(spec.books, ground, strict=True)]
     pose = np.stack([1e-3 * np.array([b.x_mm for b in spec.books]), 1e-3 * np.array(y), angle], 1)
     inserted = np.array([spec.insert.height_mm, spec.insert.width_mm])
     return Scene(pose, 1e-3 * size, 1e-3 * inserted)
 
 
-def scenes_of_inline(spec: ShelfSceneSpec) -> Scenes:
-    """The one scene as written in a spec."""
-    return Scenes.of([scene_of(spec)])
+def build_inline_scenes(spec: ShelfSceneSpec) -> Scenes:
+    """Build the only scene of a spec."""
+    return Scenes.of([build_scene(spec)])
 
 
-def scenes_of(spec: BookshelfSpec, directory: Path) -> Scenes:
-    """All scenes of a spec; files are looked up from `directory`.
+def read_spec_scenes(spec: BookshelfSpec, directory: Path) -> Scenes:
+    """Read all scenes of a spec; paths are relative to `directory`.
 
     Raises:
         UsageError: numbers in a file that cannot be books.
         PlanFileError: a file that is missing, damaged or of another kind.
     """
     if spec.scene is not None:
-        scenes = scenes_of_inline(spec.scene)
+        scenes = build_inline_scenes(spec.scene)
         scenes.require()
         return scenes
     if spec.scenes is None:
@@ -75,14 +75,14 @@ def scenes_of(spec: BookshelfSpec, directory: Path) -> Scenes:
     return read_scenes(directory / spec.scenes.file, spec.scenes.group)
 
 
-def loaded_scenes(loaded: LoadedShelf) -> Scenes:
-    """All scenes of a loaded spec.
+def load_scenes(loaded: LoadedShelf) -> Scenes:
+    """Load all scenes of a spec.
 
     Raises:
         SpecError: with the key of the spec that is to blame, and every wrong row of a file.
     """
     try:
-        return scenes_of(loaded.spec, loaded.directory)
+        return read_spec_scenes(loaded.spec, loaded.directory)
     except WrongScenes as error:
         key = "scene" if loaded.spec.scenes is None else "scenes.file"
         messages = list(error.faults[:_MOST_ROWS])
@@ -92,4 +92,4 @@ def loaded_scenes(loaded: LoadedShelf) -> Scenes:
         key, messages = "scenes.group", [str(error)]
     except UsageError as error:
         key, messages = "scenes.file", [str(error)]
-    raise loaded.placed(SpecError(loaded.source, [SpecMistake(key, text) for text in messages]))
+    raise loaded.locate(SpecError(loaded.source, [SpecMistake(key, text) for text in messages]))

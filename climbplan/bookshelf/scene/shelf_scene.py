@@ -37,7 +37,7 @@ class State(IntEnum):
 
     @property
     def label(self) -> str:
-        """As in reports: `flat left`, `leaning left`, ..."""
+        """Name of the state in reports: `flat left`, `leaning left`, ..."""
         return _LABELS[self]
 
 
@@ -51,9 +51,9 @@ _LABELS = {
 
 
 def state_label(number: int) -> str:
-    """The label of a state as a file has it, which may be none."""
-    known = {int(state): label for state, label in _LABELS.items()}
-    return known.get(number, f"no state ({number})")
+    """Label the state with a number from a file, which may be no state."""
+    label_by_number = {int(state): label for state, label in _LABELS.items()}
+    return label_by_number.get(number, f"no state ({number})")
 
 
 @dataclass(frozen=True)
@@ -96,11 +96,13 @@ class Shelf:
         """Distance between the walls [m]."""
         return self.right - self.left
 
-    def least_lean(self, size: Array) -> Array:
-        """Least tilt (...) [rad] at which gravity holds a book against its support.
+    def min_lean_angle(self, size: Array) -> Array:
+        """Return the smallest tilt (...) [rad] at which gravity presses a book on its support.
 
-        size: (..., 2) height, width [m]. The centre is then not inside the foot, eq. (8.9), K2:
-        |a| >= atan(width / height).
+        The centre of mass is then beyond the foot, eq. (8.9), K2: |a| >= atan(width / height).
+
+        Args:
+            size: (..., 2) height, width [m].
         """
         tilt: Array = np.minimum(
             np.arctan2(size[..., 1], size[..., 0]) + self.lean_margin, math.pi / 2
@@ -159,13 +161,13 @@ class Scenes:
         Raises:
             WrongScenes: naming every row and column that cannot describe books.
         """
-        scenes = cls.as_found(theta, unit)
+        scenes = cls.from_theta_unchecked(theta, unit)
         scenes.require()
         return scenes
 
     @classmethod
-    def as_found(cls, theta: Array, unit: Unit = "m") -> Self:
-        """As `from_theta`, whatever the numbers are.
+    def from_theta_unchecked(cls, theta: Array, unit: Unit = "m") -> Self:
+        """Build scenes from rows as `from_theta` does, but accept all numbers.
 
         Raises:
             UsageError: no rows of that many columns.
@@ -198,16 +200,20 @@ class Scenes:
         return np.concatenate([stored.reshape(len(self), -1), self.inserted * scale], axis=1)
 
     def faults(self) -> list[str]:
-        """What keeps rows from describing books, in words; empty if nothing does."""
+        """Return a message for each number that cannot describe a book."""
         table = np.concatenate([self.pose, self.size], axis=2)
-        found = []
-        for scene, book, column in zip(*np.nonzero(_wrong(table)), strict=True):
+        descriptions = []
+        for scene, book, column in zip(*np.nonzero(_find_wrong_entries(table)), strict=True):
             value = table[scene, book, column]
-            found.append(f"scene {scene}, book {book}: {_COLUMNS[column]} is {_shown(value)}")
-        for scene, column in zip(*np.nonzero(_wrong(self.inserted, 0)), strict=True):
+            descriptions.append(
+                f"scene {scene}, book {book}: {_COLUMNS[column]} is {_describe_fault(value)}"
+            )
+        for scene, column in zip(*np.nonzero(_find_wrong_entries(self.inserted, 0)), strict=True):
             value = self.inserted[scene, column]
-            found.append(f"scene {scene}, inserted: {_COLUMNS[3 + column]} is {_shown(value)}")
-        return found
+            descriptions.append(
+                f"scene {scene}, inserted: {_COLUMNS[3 + column]} is {_describe_fault(value)}"
+            )
+        return descriptions
 
     @property
     def count(self) -> int:
@@ -229,14 +235,14 @@ class Scenes:
         return (self[k] for k in range(len(self)))
 
 
-def _wrong(values: Array, first_size: int = 3) -> BoolArray:
-    """Entries that are not finite or too large, or too small from column `first_size` on."""
+def _find_wrong_entries(values: Array, first_size: int = 3) -> BoolArray:
+    """Find entries that are not finite or too large, or too small from column `first_size` on."""
     wrong = ~(np.abs(values) <= _LARGEST)
     wrong[..., first_size:] |= ~(values[..., first_size:] >= _SMALLEST)
     return wrong
 
 
-def _shown(value: float) -> str:
+def _describe_fault(value: float) -> str:
     if not math.isfinite(value):
         return f"{value}, expected a finite number"
     if abs(value) > _LARGEST:
@@ -246,13 +252,17 @@ def _shown(value: float) -> str:
     return f"{value:g}, expected more than 0"
 
 
-def movement_cost(scenes: Scenes, pose: Array) -> Array:
-    """Movement cost (S,) [mm^2]: how far the stored books are moved.
+def compute_movement_cost(scenes: Scenes, pose: Array) -> Array:
+    """Compute the movement cost (S,) [mm^2] of the stored books.
 
-    sum over stored books of (dx^2 + dy^2) / (1 mm)^2 + (cos a - cos a0)^2. pose: (S, n + 1, 3)
-    x [m], y [m], angle [rad] after the insertion, the inserted book last (it is free).
+    It is the sum over stored books of (dx^2 + dy^2) / (1 mm)^2 + (cos a - cos a0)^2.
+
+    Args:
+        scenes: poses before the insertion.
+        pose: (S, n + 1, 3) x [m], y [m], angle [rad] after the insertion. The inserted book is last
+            and costs nothing.
     """
-    moved = 1e3 * (pose[:, :-1, :2] - scenes.pose[..., :2])
-    turned = np.cos(pose[:, :-1, 2]) - np.cos(scenes.pose[..., 2])
-    cost: Array = (moved**2).sum(axis=(1, 2)) + (turned**2).sum(axis=1)
+    displacement = 1e3 * (pose[:, :-1, :2] - scenes.pose[..., :2])
+    cosine_change = np.cos(pose[:, :-1, 2]) - np.cos(scenes.pose[..., 2])
+    cost: Array = (displacement**2).sum(axis=(1, 2)) + (cosine_change**2).sum(axis=1)
     return cost

@@ -1,7 +1,7 @@
-"""From a bookshelf spec file and overrides to a validated model, with all mistakes at once.
+"""Loading of a bookshelf spec file with overrides; all mistakes are reported at once.
 
-A path in the file starts from the file's directory; one that a command option sets starts from the
-current directory and stands in the spec's text in full, so that the text means the same anywhere.
+A path in the file is relative to the file's directory. A path of a command option is relative to
+the current directory; the spec's text has it in full and means the same anywhere.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from climbplan.bookshelf.schema.model import BookshelfSpec
 from climbplan.errors import SpecError
 from climbplan.schema.document import Document, KeyPath
 from climbplan.schema.kinds import validate_kind
-from climbplan.schema.loaded import LoadedSpec, origin_of, root_paths
+from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_paths
 from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.yaml_source import parse_yaml
@@ -45,13 +45,13 @@ def load_shelf(source: str | Path, overrides: Sequence[str | Override] = ()) -> 
 
 
 def shelf_of_document(document: Document, text: SourceText) -> LoadedShelf:
-    """The bookshelf spec that a document is.
+    """Validate a document as a bookshelf spec.
 
     Raises:
         SpecError: with every mistake in it.
     """
-    root_paths(document, _PATHS)
+    resolve_option_paths(document, _PATHS)
     spec, findings = validate_kind(document, "bookshelf", BookshelfSpec)
     if spec is None or findings:
         raise SpecError(document.source, document.mistakes(findings))
-    return LoadedShelf(spec=spec, **origin_of(document, text))
+    return LoadedShelf(spec=spec, **describe_origin(document, text))

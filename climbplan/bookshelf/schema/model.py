@@ -221,14 +221,14 @@ class BookshelfSpec(SpecModel):
     @model_validator(mode="after")
     def _one_source(self) -> Self:
         if (self.scene is None) == (self.scenes is None):
-            got = "got both" if self.scene else "got neither"
-            refuse([Fault("", f"expected either `scene` or `scenes`, {got}")])
+            actual = "got both" if self.scene else "got neither"
+            refuse([Fault("", f"expected either `scene` or `scenes`, {actual}")])
         if self.meaning == "published" and self.solver.method == "exact":
             message = "`exact` solves the meaning `contact` only"
             refuse([Fault("meaning", message)])
         method, solver = self.solver.method, self.solver.solver
-        known = _SOLVERS.get(method, ())
-        if solver is not None and solver not in known:
-            expected = f"expected one of {', '.join(known)}" if known else "it takes no solver"
+        allowed = _SOLVERS.get(method, ())
+        if solver is not None and solver not in allowed:
+            expected = f"expected one of {', '.join(allowed)}" if allowed else "it takes no solver"
             refuse([Fault("solver.solver", f"method `{method}`: {expected}, got {solver!r}")])
         return self

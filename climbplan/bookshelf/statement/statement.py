@@ -31,7 +31,7 @@ INSERTED_STATES = (State.FLAT_LEFT, State.UPRIGHT, State.FLAT_RIGHT)
 
 @dataclass(frozen=True)
 class Tolerances:
-    """By how much equations and inequalities may be off."""
+    """Tolerances of equations and inequalities."""
 
     length: float  # [mm] of everything between points
     sine: float  # of a state's angle
@@ -39,25 +39,38 @@ class Tolerances:
 
 @dataclass(frozen=True)
 class _Frame:
-    """Where corners may be [mm]."""
+    """The rectangle in which corners lie [mm]."""
 
     left: float
     right: float
     height: float
 
 
-def pairs(n: int) -> list[tuple[int, int]]:
-    """Pairs of books (i < j), the inserted one with every stored one."""
+@dataclass(frozen=True)
+class _Books:
+    """Variables of n stored books and the inserted one; lean binaries of the stored ones only."""
+
+    size: Expression  # (n + 1, 2) height, width [mm], a parameter
+    center: Expression  # (n + 1, 2) [mm]
+    cos: Expression  # (n + 1,)
+    sin: Expression  # (n + 1,) > 0: tilts to the left
+    vertex: Expression  # (n + 1, 4, 2) [mm]
+    lean_left: Expression  # (n,) binary
+    lean_right: Expression  # (n,) binary
+
+
+def list_pairs(n: int) -> list[tuple[int, int]]:
+    """List the pairs of books (i < j), the inserted one included."""
     return list(itertools.combinations(range(n + 1), 2))
 
 
-def bookshelf(n: int, shelf: Shelf, meaning: Meaning = "contact") -> Program:
+def build_bookshelf_program(n: int, shelf: Shelf, meaning: Meaning = "contact") -> Program:
     """Insert one book among n stored ones with the least movement.
 
     Parameters: `size` (n + 1, 2) height, width [mm]; `pose` (n, 3) x [mm], y [mm], angle [rad] of
     the stored books before the insertion.
     """
-    frame, tolerance = _frame(shelf, meaning)
+    frame, tolerance = _build_frame(shelf, meaning)
     p = Program(f"bookshelf, {n} stored books, {meaning}")
     size, pose = p.parameter("size", (n + 1, 2)), p.parameter("pose", (n, 3))
     height, width = size[:, 0], size[:, 1]
@@ -75,21 +88,13 @@ def bookshelf(n: int, shelf: Shelf, meaning: Meaning = "contact") -> Program:
 
     # Corners, eq. (8.1)
     across, up = np.outer(width, ACROSS), np.outer(height, UP)
-    turned = np.stack(
+    rotated = np.stack(
         [across * cos[:, None] - up * sin[:, None], across * sin[:, None] + up * cos[:, None]], 2
     )
-    p.equal("book.corners", vertex - center[:, None] - turned, unit="mm")
+    p.equal("book.corners", vertex - center[:, None] - rotated, unit="mm")
 
-    # Separating lines, eq. (8.5); a unit normal gives the offset its meaning
-    i, j = np.transpose(pairs(n))
-    most = math.hypot(max(-frame.left, frame.right), frame.height) + slack
-    normal = p.continuous("normal", (len(i), 2), -1.0, 1.0)
-    offset = p.continuous("offset", (len(i),), -most, most, unit="mm")
-    p.equal("line.unit", np.sum(normal**2, axis=1) - 1)
-    beyond = np.sum(normal[:, None] * vertex[i], axis=2) - offset[:, None]
-    before = np.sum(normal[:, None] * vertex[j], axis=2) - offset[:, None]
-    p.between("line.left", beyond, -np.inf, slack, unit="mm")
-    p.between("line.right", before, -slack, np.inf, unit="mm")
+    max_offset = math.hypot(max(-frame.left, frame.right), frame.height) + slack
+    normal, offset = _add_separating_lines(p, vertex, max_offset, slack)
 
     # Each stored book has one of five states, the inserted one of three
     stored = p.binary("state", (n, len(State)))
@@ -101,29 +106,16 @@ def bookshelf(n: int, shelf: Shelf, meaning: Meaning = "contact") -> Program:
     flat_right = np.append(stored[:, State.FLAT_RIGHT], inserted[[2]])
     lean_left, lean_right = stored[:, State.LEAN_LEFT], stored[:, State.LEAN_RIGHT]
 
-    # Flat and upright, eqs. (8.6) to (8.8)
-    off = tolerance.sine
-    for name, state, sine, rise in (
-        ("flat_left", flat_left, 1.0, width / 2),
-        ("upright", upright, 0.0, height / 2),
-        ("flat_right", flat_right, -1.0, width / 2),
-    ):
-        p.when(f"{name}.angle", state, sin, sine - off, sine + off)
-        p.when(f"{name}.ground", state, center[:, 1] - rise, -slack, slack, unit="mm")
+    books = _Books(size, center, cos, sin, vertex, lean_left, lean_right)
 
-    # Leaning, eqs. (8.9), (8.10): on the ground with the lower corner (K3, L3)
-    foot_left, foot_right = vertex[:n, BOTTOM_LEFT], vertex[:n, BOTTOM_RIGHT]
-    p.when("lean_left.angle", lean_left, sin[:n], lower=-off)
-    p.when("lean_right.angle", lean_right, sin[:n], upper=off)
-    p.when("lean_left.ground", lean_left, foot_left[:, 1], -slack, slack, unit="mm")
-    p.when("lean_right.ground", lean_right, foot_right[:, 1], -slack, slack, unit="mm")
-
+    _add_flat_and_upright(p, books, (flat_left, upright, flat_right), tolerance)
+    foot_left, foot_right = _add_leaning(p, books, tolerance)
     if meaning == "contact":
-        _stable(p, shelf, size[:n], cos[:n], sin[:n], lean_left, lean_right)
-        _touching(p, shelf, size, center, cos, sin, vertex, lean_left, lean_right)
-        _ordered(p, (frame.left, frame.right), center[:n], foot_left, foot_right, stored)
+        _add_stability(p, shelf, books)
+        _add_contact(p, shelf, books)
+        _add_order(p, (frame.left, frame.right), center[:n], foot_left, foot_right, stored)
     else:
-        _supported(p, shelf, center, vertex, normal, offset, lean_left, lean_right)
+        _add_published_support(p, shelf, books, normal, offset)
 
     # Movement of the stored books; the inserted one is free
     p.minimise("translation", np.sum((center[:n] - pose[:, :2]) ** 2))
@@ -133,7 +125,62 @@ def bookshelf(n: int, shelf: Shelf, meaning: Meaning = "contact") -> Program:
     return p
 
 
-def _frame(shelf: Shelf, meaning: Meaning) -> tuple[_Frame, Tolerances]:
+def _add_separating_lines(
+    p: Program, vertex: Expression, max_offset: float, slack: float
+) -> tuple[Expression, Expression]:
+    """Add a separating line for each pair of books, eq. (8.5); returns normals and offsets.
+
+    Normals are unit vectors, which makes offsets distances from the origin [mm].
+    """
+    i, j = np.transpose(list_pairs(len(vertex) - 1))
+    normal = p.continuous("normal", (len(i), 2), -1.0, 1.0)
+    offset = p.continuous("offset", (len(i),), -max_offset, max_offset, unit="mm")
+    p.equal("line.unit", np.sum(normal**2, axis=1) - 1)
+    left_value = np.sum(normal[:, None] * vertex[i], axis=2) - offset[:, None]
+    right_value = np.sum(normal[:, None] * vertex[j], axis=2) - offset[:, None]
+    p.between("line.left", left_value, -np.inf, slack, unit="mm")
+    p.between("line.right", right_value, -slack, np.inf, unit="mm")
+    return normal, offset
+
+
+def _add_flat_and_upright(
+    p: Program,
+    books: _Books,
+    states: tuple[Expression, Expression, Expression],
+    tolerance: Tolerances,
+) -> None:
+    """Add angle and ground contact of flat and upright books, eqs. (8.6) to (8.8).
+
+    states: binaries (n + 1,) of flat left, upright and flat right.
+    """
+    flat_left, upright, flat_right = states
+    slack, off = tolerance.length, tolerance.sine
+    height, width = books.size[:, 0], books.size[:, 1]
+    for name, state, sine, rise in (
+        ("flat_left", flat_left, 1.0, width / 2),
+        ("upright", upright, 0.0, height / 2),
+        ("flat_right", flat_right, -1.0, width / 2),
+    ):
+        p.when(f"{name}.angle", state, books.sin, sine - off, sine + off)
+        p.when(f"{name}.ground", state, books.center[:, 1] - rise, -slack, slack, unit="mm")
+
+
+def _add_leaning(p: Program, books: _Books, tolerance: Tolerances) -> tuple[Expression, Expression]:
+    """Add angle and ground contact of leaning books, eqs. (8.9), (8.10), with K3, L3.
+
+    Returns the lower corners (n, 2) on which books rest that lean to the left and to the right.
+    """
+    lean_left, lean_right = books.lean_left, books.lean_right
+    n, slack, off = len(lean_left), tolerance.length, tolerance.sine
+    foot_left, foot_right = books.vertex[:n, BOTTOM_LEFT], books.vertex[:n, BOTTOM_RIGHT]
+    p.when("lean_left.angle", lean_left, books.sin[:n], lower=-off)
+    p.when("lean_right.angle", lean_right, books.sin[:n], upper=off)
+    p.when("lean_left.ground", lean_left, foot_left[:, 1], -slack, slack, unit="mm")
+    p.when("lean_right.ground", lean_right, foot_right[:, 1], -slack, slack, unit="mm")
+    return foot_left, foot_right
+
+
+def _build_frame(shelf: Shelf, meaning: Meaning) -> tuple[_Frame, Tolerances]:
     if meaning == "contact":
         frame = _Frame(1e3 * shelf.left, 1e3 * shelf.right, 1e3 * shelf.height)
         return frame, Tolerances(0.0, 0.0)
@@ -142,37 +189,24 @@ def _frame(shelf: Shelf, meaning: Meaning) -> tuple[_Frame, Tolerances]:
     return _Frame(-half, half, 1e3 * rules.height), Tolerances(1e3 * rules.distance, rules.sine)
 
 
-def _stable(
-    p: Program,
-    shelf: Shelf,
-    size: Expression,
-    cos: Expression,
-    sin: Expression,
-    lean_left: Expression,
-    lean_right: Expression,
-) -> None:
-    """K2 without its neighbour: |a| >= atan(W / H) + margin, so that the centre hangs over."""
+def _add_stability(p: Program, shelf: Shelf, books: _Books) -> None:
+    """Add K2 without its neighbour: |a| >= atan(W / H) + margin puts the centre beyond the foot."""
+    lean_left, lean_right = books.lean_left, books.lean_right
+    n = len(lean_left)
+    size, cos, sin = books.size[:n], books.cos[:n], books.sin[:n]
     height, width = size[:, 0], size[:, 1]
     diagonal = np.array([ca.sqrt(h**2 + w**2) for h, w in size], dtype=object)
     cm, sm = math.cos(shelf.lean_margin), math.sin(shelf.lean_margin)
-    cos_least = (height * cm - width * sm) / diagonal
-    sin_least = (width * cm + height * sm) / diagonal
-    p.when("lean_left.stable", lean_left, sin * cos_least - cos * sin_least, lower=0.0)
-    p.when("lean_right.stable", lean_right, -sin * cos_least - cos * sin_least, lower=0.0)
+    min_tilt_cos = (height * cm - width * sm) / diagonal
+    min_tilt_sin = (width * cm + height * sm) / diagonal
+    p.when("lean_left.stable", lean_left, sin * min_tilt_cos - cos * min_tilt_sin, lower=0.0)
+    p.when("lean_right.stable", lean_right, -sin * min_tilt_cos - cos * min_tilt_sin, lower=0.0)
 
 
-def _touching(
-    p: Program,
-    shelf: Shelf,
-    size: Expression,
-    center: Expression,
-    cos: Expression,
-    sin: Expression,
-    vertex: Expression,
-    lean_left: Expression,
-    lean_right: Expression,
-) -> None:
-    """A leaning book has a point within the contact gap of a point of what it leans on (K1, L1)."""
+def _add_contact(p: Program, shelf: Shelf, books: _Books) -> None:
+    """Add K1, L1: a point of a leaning book is within the contact gap of its support."""
+    size, center, vertex = books.size, books.center, books.vertex
+    lean_left, lean_right = books.lean_left, books.lean_right
     n = len(lean_left)
     wall = 1e3 * shelf.wall_gap
     left, right = 1e3 * shelf.left, 1e3 * shelf.right
@@ -186,24 +220,24 @@ def _touching(
     )
     if n == 1:
         return
-    # One point in each of two neighbours, in shares of width and height from the centre
-    share = p.continuous("touch.share", (n - 1, 2, 2), -0.5, 0.5)
+    # One point in each of two neighbours, in fractions of width and height from the centre
+    fraction = p.continuous("touch.share", (n - 1, 2, 2), -0.5, 0.5)
     points = []
     for side, book in enumerate((slice(0, n - 1), slice(1, n))):
-        across, up = share[:, side, 0] * size[book, 1], share[:, side, 1] * size[book, 0]
-        c, s = cos[book], sin[book]
+        across, up = fraction[:, side, 0] * size[book, 1], fraction[:, side, 1] * size[book, 0]
+        c, s = books.cos[book], books.sin[book]
         points.append(center[book] + np.stack([across * c - up * s, across * s + up * c], axis=1))
     gap = 1e3 * shelf.book_gap
-    most = math.hypot(right - left, 1e3 * shelf.height)
-    apart = p.continuous("touch.apart", (n - 1, 2), -most, most, unit="mm")
-    p.equal("touch.points", apart - points[1] + points[0], unit="mm")
+    max_distance = math.hypot(right - left, 1e3 * shelf.height)
+    difference = p.continuous("touch.apart", (n - 1, 2), -max_distance, max_distance, unit="mm")
+    p.equal("touch.points", difference - points[1] + points[0], unit="mm")
     # In gaps: a square in mm^2 would be scaled unlike the rest
-    reach = np.sum(apart**2, axis=1) / max(gap, 1e-3)
+    reach = np.sum(difference**2, axis=1) / max(gap, 1e-3)
     p.when("lean_left.touch", lean_left[1:], reach, upper=gap, unit="mm")
     p.when("lean_right.touch", lean_right[:-1], reach, upper=gap, unit="mm")
 
 
-def _ordered(
+def _add_order(
     p: Program,
     sides: tuple[float, float],
     center: Expression,
@@ -211,7 +245,7 @@ def _ordered(
     foot_right: Expression,
     stored: Expression,
 ) -> None:
-    """Centres and feet of the stored books keep their order."""
+    """Add the order of the stored books' centres and feet."""
     n = len(center)
     foot = p.continuous("foot", (n,), *sides, unit="mm")
     resting = stored[:, [State.FLAT_LEFT, State.UPRIGHT, State.FLAT_RIGHT]]
@@ -225,21 +259,18 @@ def _ordered(
         p.between("order.feet", foot[1:] - foot[:-1], 0.0, np.inf, unit="mm")
 
 
-def _supported(
-    p: Program,
-    shelf: Shelf,
-    center: Expression,
-    vertex: Expression,
-    normal: Expression,
-    offset: Expression,
-    lean_left: Expression,
-    lean_right: Expression,
+def _add_published_support(
+    p: Program, shelf: Shelf, books: _Books, normal: Expression, offset: Expression
 ) -> None:
-    """Eqs. (8.9), (8.10) as published: the line passes the upper corners that face each other,
-    and the centre is between the own foot and the neighbour's centre or the wall."""
+    """Add eqs. (8.9), (8.10) as published.
+
+    The line passes the upper corners that face each other. The centre is between the foot of the
+    book and the neighbour's centre or the wall.
+    """
+    vertex, lean_left, lean_right = books.vertex, books.lean_left, books.lean_right
     n, rules = len(lean_left), shelf.published
     slack, half = 1e3 * rules.distance, 1e3 * rules.half_width
-    number = {pair: k for k, pair in enumerate(pairs(n))}
+    number = {pair: k for k, pair in enumerate(list_pairs(n))}
     wall_left = vertex[0, TOP_LEFT, 0] + half - 1e3 * rules.left_wall
     wall_right = half - vertex[n - 1, TOP_RIGHT, 0]
     p.when("lean_left.wall", lean_left[0], wall_left, upper=slack, unit="mm")
@@ -249,7 +280,7 @@ def _supported(
         upper = np.array([vertex[k, TOP_RIGHT] @ a - b, vertex[k + 1, TOP_LEFT] @ a - b])
         p.when(f"lean_right.line[{k}]", lean_right[k], upper, -slack, slack, unit="mm")
         p.when(f"lean_left.line[{k + 1}]", lean_left[k + 1], upper, -slack, slack, unit="mm")
-    x = center[:n, 0]
+    x = books.center[:n, 0]
     before, after = np.append(-half, x[:-1]), np.append(x[1:], half)
     foot_left, foot_right = vertex[:n, BOTTOM_LEFT, 0], vertex[:n, BOTTOM_RIGHT, 0]
     between_left = np.stack([x - before, foot_left - x], axis=1)

@@ -1,4 +1,4 @@
-"""A method of the common table on scenes of one shelf, each answer judged by the exact check."""
+"""Methods of the common table on scenes of one shelf, with the exact check of each answer."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.methods.features import feature_map
-from climbplan.bookshelf.methods.judge import Judge
+from climbplan.bookshelf.methods.features import build_feature_map
+from climbplan.bookshelf.methods.placement_evaluator import PlacementEvaluator
 from climbplan.bookshelf.methods.scene_method import SceneMethod
-from climbplan.bookshelf.methods.setting import MethodSetting, convex_solver
+from climbplan.bookshelf.methods.setting import MethodSetting, select_convex_solver
 from climbplan.bookshelf.plan.answer import SceneAnswer
 from climbplan.bookshelf.scene.shelf_scene import Scene
-from climbplan.bookshelf.statement.points import features_of, theta_of
-from climbplan.bookshelf.statement.stated import shelf_problem
+from climbplan.bookshelf.statement.points import build_theta, compute_features
+from climbplan.bookshelf.statement.shelf_problem import build_shelf_problem
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
 from climbplan.methods.envelope_rounds import EnvelopeOptions
@@ -43,25 +43,27 @@ OVERLAP = 0.05  # of cosines, sines and normals
 END = 1.5  # [mm] beyond the frame
 
 
-def published_partitions(program: Program) -> tuple[Partition, ...]:
-    """Partitions of a bookshelf program, over the frame that its centres may be in."""
+def build_published_partitions(program: Program) -> tuple[Partition, ...]:
+    """Build the published partitions of a bookshelf program over the frame of its centres."""
     variables = program.variables
     center = variables["center"]
     cos, sin = variables["cos"], variables["sin"]
-    found = [_arc(cos.start + k, sin.start + k) for k in range(math.prod(cos.shape))]
-    found += each(variables["normal"], uniform(-1.0, 1.0, NORMALS, OVERLAP))
+    partitions = [
+        _build_arc_partition(cos.start + k, sin.start + k) for k in range(math.prod(cos.shape))
+    ]
+    partitions += each(variables["normal"], uniform(-1.0, 1.0, NORMALS, OVERLAP))
     vertex = variables["vertex"]
     index = np.arange(vertex.start, vertex.stop).reshape(vertex.shape)
     for axis, (low, high) in enumerate(zip(center.lower[0], center.upper[0], strict=True)):
         ends = pieces(np.linspace(low, high, CORNERS + 1))
         ends[0, 0] -= END
         ends[-1, 1] += END
-        found += each(index[..., axis].ravel().tolist(), ends)
-    return tuple(found)
+        partitions += each(index[..., axis].ravel().tolist(), ends)
+    return tuple(partitions)
 
 
-def _arc(cos: int, sin: int) -> Partition:
-    """Boxes around pieces of the half circle, one set of binaries for cosine and sine."""
+def _build_arc_partition(cos: int, sin: int) -> Partition:
+    """Build boxes around arcs of the half circle, with one set of binaries for cosine and sine."""
     knots = np.linspace(-math.pi / 2, math.pi / 2, ANGLES + 1)
     c, s = np.cos(knots), np.sin(knots)
     low = np.column_stack([np.minimum(c[:-1], c[1:]), s[:-1]]) - OVERLAP
@@ -80,112 +82,135 @@ _ADMM_GAP = 1e-2  # the published gap of the mixed-integer block
 
 
 @dataclass(frozen=True)
-class ByTable:
-    """What scenes share is built for the first one."""
+class TableMethod:
+    """A method of the common table; what scenes share is built for the first one."""
 
-    judge: Judge
+    evaluator: PlacementEvaluator
     problem: Problem
     method: Method
     settings: MethodSettings
-    kept: SharedCache = field(default_factory=SharedCache)
+    cache: SharedCache = field(default_factory=SharedCache)
 
     def solve(self, scene: Scene) -> SceneAnswer:
-        """The method's placement, as far as it holds."""
+        """Solve a scene; a placement that fails the exact check is dropped."""
         begin = time.perf_counter()
-        return self.judge.answer(scene, self.found(scene), begin)
+        return self.evaluator.build_answer(scene, self.find_candidates(scene), begin)
 
-    def found(self, scene: Scene) -> MethodResult:
-        """What the table says, with the fate of each candidate."""
-        return solve_instance(self.problem, theta_of(scene), self.method, self.settings, self.kept)
+    def find_candidates(self, scene: Scene) -> MethodResult:
+        """Return the method's own result, with the outcome of each candidate."""
+        return solve_instance(
+            self.problem, build_theta(scene), self.method, self.settings, self.cache
+        )
 
 
 @dataclass(frozen=True)
 class WithFallback:
-    """One method, and `exact` for scenes in which it finds no placement, in the time that is left.
+    """A method with `exact` for scenes without a placement, in the time that remains.
 
-    What the other one finds counts only if it holds in the judge's meaning.
+    A placement of `exact` counts only if it passes the check of the evaluator's meaning.
     """
 
     first: SceneMethod
-    other: ExactSolver
-    judge: Judge
+    exact: ExactSolver
+    evaluator: PlacementEvaluator
 
     def solve(self, scene: Scene) -> SceneAnswer:
-        """The first method's placement, or whatever the other one says."""
+        """Return the first method's placement, or the answer of `exact`."""
         answer = self.first.solve(scene)
         if answer.placement is not None:
             return answer
-        spare = self.other.solve(scene, self.other.limits.time - answer.seconds)
-        if spare.placement is not None:
-            judged = self.judge.judge_placement(scene, spare.placement)
-            if judged.placement is None:
-                return replace(answer, word=f"{answer.word}; `exact`: {judged.word}")
+        exact_answer = self.exact.solve(scene, self.exact.limits.time - answer.seconds)
+        if exact_answer.placement is not None:
+            evaluation = self.evaluator.evaluate_placement(scene, exact_answer.placement)
+            if evaluation.placement is None:
+                return replace(answer, message=f"{answer.message}; `exact`: {evaluation.message}")
         return replace(
-            spare,
-            seconds=answer.seconds + spare.seconds,
+            exact_answer,
+            seconds=answer.seconds + exact_answer.seconds,
             candidates=answer.candidates,
-            word="; ".join(filter(None, (answer.word, "answered by `exact`", spare.word))),
+            message="; ".join(
+                filter(None, (answer.message, "answered by `exact`", exact_answer.message))
+            ),
         )
 
 
-def whole_method(setting: MethodSetting, judge: Judge, library: Library | None = None) -> ByTable:
-    """A method that needs no model; library: of `mpcc` from neighbours, `convex` and `knn`."""
-    solver, program = setting.solver, judge.program
-    problem = shelf_problem(judge.count, judge.shelf, judge.meaning, features_of, program)
-    settings = replace(_settings(setting, judge), library=library)
+def build_method(
+    setting: MethodSetting, evaluator: PlacementEvaluator, library: Library | None = None
+) -> TableMethod:
+    """Build a method that needs no trained model.
+
+    Args:
+        setting: shelf, meaning and solver options.
+        evaluator: the program of the scenes and its exact check.
+        library: solved scenes for `convex`, `knn`, and `mpcc` that starts from neighbours.
+    """
+    solver, program = setting.solver, evaluator.program
+    problem = build_shelf_problem(
+        evaluator.count, evaluator.shelf, evaluator.meaning, compute_features, program
+    )
+    settings = replace(_build_settings(setting, evaluator), library=library)
     if solver.method == "mpcc":
         if solver.start == "zero":  # what a solver takes without a start
             zeros = {name: np.zeros(v.shape) for name, v in program.variables.items()}
             problem = replace(problem, start=lambda theta: zeros)
         settings = replace(settings, start="knn" if solver.start == "knn" else "manual")
-        return ByTable(judge, problem, "mpcc", settings)
+        return TableMethod(evaluator, problem, "mpcc", settings)
     if solver.method == "admm":
         bounds_alone = EnvelopeOptions(grid=McCormick(unbounded="open"))
         settings = replace(
-            settings, solver=solver.solver, envelopes=bounds_alone, admm=_admm(program)
+            settings,
+            solver=solver.solver,
+            envelopes=bounds_alone,
+            admm=_build_admm_options(program),
         )
-        return ByTable(judge, problem, "admm", settings)
+        return TableMethod(evaluator, problem, "admm", settings)
     if solver.method in ("convex", "knn"):
         settings = replace(settings, neighbours=solver.candidates or 50)
-        return ByTable(judge, problem, "knn", replace(settings, pinned=_candidates(setting)))
+        return TableMethod(
+            evaluator, problem, "knn", replace(settings, pinned=_build_pipeline_options(setting))
+        )
     if solver.method == "micp":
-        return ByTable(judge, problem, "micp", replace(settings, solver=solver.solver))
+        return TableMethod(evaluator, problem, "micp", replace(settings, solver=solver.solver))
     if solver.method in ("minlp-scip", "minlp-bonmin"):
-        return ByTable(judge, problem, solver.method, settings)
+        return TableMethod(evaluator, problem, solver.method, settings)
     raise ValueError(f"{solver.method} is no method without a model")
 
 
-def model_method(model: StrategyModel, setting: MethodSetting, judge: Judge) -> ByTable:
-    """A model as a method, on the shelf of the judge, whatever it was trained on."""
+def build_model_method(
+    model: StrategyModel, setting: MethodSetting, evaluator: PlacementEvaluator
+) -> TableMethod:
+    """Build the method of a trained model for the evaluator's shelf, whatever it was trained on."""
     solver = setting.solver
-    features = feature_map(model_features(model), setting.shelf)
-    problem = shelf_problem(judge.count, judge.shelf, judge.meaning, features, judge.program)
-    settings = replace(_settings(setting, judge), model=model)
+    features = build_feature_map(select_model_features(model), setting.shelf)
+    problem = build_shelf_problem(
+        evaluator.count, evaluator.shelf, evaluator.meaning, features, evaluator.program
+    )
+    settings = replace(_build_settings(setting, evaluator), model=model)
     if model.kind == "reduce":  # `solver` is of its programs; what they leave goes to DAQP
         settings = replace(settings, solver=solver.solver, neighbours=solver.candidates or 1)
     else:
         settings = replace(settings, neighbours=solver.candidates or 50)
-    settings = replace(settings, pinned=_candidates(setting, model.kind == "reduce"))
-    return ByTable(judge, problem, model.kind, settings)
+    settings = replace(settings, pinned=_build_pipeline_options(setting, model.kind == "reduce"))
+    return TableMethod(evaluator, problem, model.kind, settings)
 
 
-def model_features(model: StrategyModel) -> ShelfFeatures:
-    """What a model compares scenes by."""
+def select_model_features(model: StrategyModel) -> ShelfFeatures:
+    """Return the kind of features by which a model compares scenes."""
     return "raw" if model.context["features"] == "raw" else "gaps"
 
 
-def published_grid(judge: Judge) -> McCormick:
-    """Envelopes on the published pieces, log2 N binaries each.
+def build_published_grid(evaluator: PlacementEvaluator) -> McCormick:
+    """Build McCormick envelopes on the published pieces, log2 N binaries each.
 
     In the meaning `contact` squares have true envelopes, so that bounds are valid; `published` has
     the published secants, and no bound.
     """
-    squares: Squares = "envelope" if judge.meaning == "contact" else "secant"
-    return McCormick(published_partitions(judge.program), "log2", squares)
+    squares: Squares = "envelope" if evaluator.meaning == "contact" else "secant"
+    return McCormick(build_published_partitions(evaluator.program), "log2", squares)
 
 
-def _settings(setting: MethodSetting, judge: Judge) -> MethodSettings:
-    """What all methods have in common on a shelf; without a solver, and without a fallback."""
+def _build_settings(setting: MethodSetting, evaluator: PlacementEvaluator) -> MethodSettings:
+    """Build the settings that all methods share, without a solver and without a fallback."""
     solver = setting.solver
     return MethodSettings(
         gap=solver.gap,
@@ -195,15 +220,15 @@ def _settings(setting: MethodSetting, judge: Judge) -> MethodSettings:
         neighbours=solver.candidates,
         fallback=None,
         pinned=PipelineOptions(stop="first"),
-        envelopes=EnvelopeOptions(grid=published_grid(judge)),
+        envelopes=EnvelopeOptions(grid=build_published_grid(evaluator)),
         mpcc=MpccOptions((Complementarity(coupling="big-m"),), STRAIGHT),
     )
 
 
-def _candidates(setting: MethodSetting, reduced: bool = False) -> PipelineOptions:
-    """Local SQP a candidate, or as published one convex program over the envelopes about it."""
+def _build_pipeline_options(setting: MethodSetting, reduced: bool = False) -> PipelineOptions:
+    """Build options of a candidate: local SQP, or the published convex program over envelopes."""
     solver = setting.solver
-    backend = "daqp" if reduced else convex_solver(solver.solver)
+    backend = "daqp" if reduced else select_convex_solver(solver.solver)
     return PipelineOptions(
         local="sqp" if solver.refinements or reduced else "envelopes",
         sqp=SqpOptions(backend=backend, steps=max(solver.refinements, 1)),
@@ -211,8 +236,8 @@ def _candidates(setting: MethodSetting, reduced: bool = False) -> PipelineOption
     )
 
 
-def _admm(program: Program) -> AdmmOptions:
-    """Algorithm 3 of chapter 6.4, until both blocks agree to the published accuracy.
+def _build_admm_options(program: Program) -> AdmmOptions:
+    """Build options of ADMM (algorithm 3, chapter 6.4) with the published consensus accuracy.
 
     The published weights are not known. Ours: millimetres as they are, cosines, sines and normals
     by the length of a book, so that the cost at the start, next to nothing, does not set them.

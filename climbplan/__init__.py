@@ -2,10 +2,10 @@
 
     import climbplan
 
-    spec = climbplan.load("specs/climb_steps.yaml", set={"force.safety_friction": 2.0})
+    spec = climbplan.load_spec("specs/climb_steps.yaml", overrides={"force.safety_friction": 2.0})
     plan = climbplan.plan(spec)
     plan.rounds.com, plan.instants.force        # arrays under the names of the plan file
-    plan.verify().passed, plan.report("outputs/steps"), plan.save("outputs/steps")
+    plan.verify().passed, plan.write_report("outputs/steps"), plan.save("outputs/steps")
 
 Names are loaded when they are first used: `import climbplan` itself imports nothing heavy.
 """
@@ -16,12 +16,12 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from climbplan.api.loading import load
-    from climbplan.api.plan import Plan, read
+    from climbplan.api.loading import load_spec
+    from climbplan.api.plan import Plan, load_plan
     from climbplan.api.planning import plan, verify
+    from climbplan.api.problem_from_spec import problem_from_spec
     from climbplan.api.session import Session
     from climbplan.api.solving import Solution, solve
-    from climbplan.api.stating import stated
     from climbplan.bookshelf.schema.model import BookshelfSpec
     from climbplan.climb.schema.model import ClimbSpec
     from climbplan.climb.schema.transition import TransitionSpec
@@ -46,14 +46,14 @@ __all__ = [
     "Session",
     "Solution",
     "TransitionSpec",
-    "load",
+    "load_plan",
+    "load_spec",
     "plan",
-    "read",
+    "problem_from_spec",
     "solve",
-    "stated",
     "verify",
 ]
-_ROOMS = {
+_MODULES = {
     "BookshelfSpec": "bookshelf.schema.model",
     "ClimbSpec": "climb.schema.model",
     "LimmsSpec": "limms.schema.model",
@@ -66,20 +66,26 @@ _ROOMS = {
     "Session": "api.session",
     "Solution": "api.solving",
     "TransitionSpec": "climb.schema.transition",
-    "load": "api.loading",
+    "load_plan": "api.plan",
+    "load_spec": "api.loading",
     "plan": "api.planning",
-    "read": "api.plan",
+    "problem_from_spec": "api.problem_from_spec",
     "solve": "api.solving",
-    "stated": "api.stating",
     "verify": "api.planning",
 }
+_RENAMED = {"load": "load_spec", "read": "load_plan", "stated": "problem_from_spec"}
 
 
 def __getattr__(name: str) -> Any:
-    """The public names, each from its room."""
-    if name not in _ROOMS:
+    """Return a public name, imported from its module; an old name warns and gives its new one."""
+    if name in _RENAMED:
+        from climbplan.deprecation import warn_renamed
+
+        warn_renamed(f"`climbplan.{name}`", f"`climbplan.{_RENAMED[name]}`")
+        return __getattr__(_RENAMED[name])
+    if name not in _MODULES:
         raise AttributeError(f"climbplan has no {name!r}; it has {', '.join(__all__)}")
-    value = getattr(import_module(f"climbplan.{_ROOMS[name]}"), name)
+    value = getattr(import_module(f"climbplan.{_MODULES[name]}"), name)
     globals()[name] = value
     return value
 

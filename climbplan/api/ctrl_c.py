@@ -1,9 +1,9 @@
-"""Ctrl-C in a notebook, which must not get lost on its way out of a plan.
+"""Deliver Ctrl-C reliably in notebooks.
 
-Python raises it wherever it happens to be, and CasADi drops what is raised while it looks at the
-arguments of an operator: a statement is then built to its end as if nothing had been pressed. So it
-is raised again and again until somebody handles it. The command line does the same for the whole
-process (`climbplan.cli.interrupts`).
+Python raises KeyboardInterrupt wherever it happens to be, and CasADi drops exceptions that are
+raised while it inspects the arguments of an operator. The interrupt would be lost there, so it is
+raised repeatedly until it is handled. The command line does the same for the whole process
+(`climbplan.cli.interrupts`).
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from types import FrameType
 _AGAIN = 0.1  # [s]
 
 
-def being_handled() -> bool:
-    """Whether the code that a signal interrupts is already handling an interrupt."""
+def is_interrupt_handled() -> bool:
+    """Return whether the code that a signal interrupts is already handling an interrupt."""
     error = sys.exc_info()[1]
     while error is not None:
         if isinstance(error, KeyboardInterrupt):
@@ -30,10 +30,10 @@ def being_handled() -> bool:
 
 @contextmanager
 def ctrl_c_insists() -> Iterator[None]:
-    """Ctrl-C ends what is within, whatever drops its exception.
+    """Make Ctrl-C end the block, even if a library drops the exception.
 
-    Nothing is changed in threads other than the main one, where a program has a handler of its own
-    for Ctrl-C or for the alarm, and on systems without the alarm.
+    Nothing is changed in threads other than the main one, in programs with their own handler for
+    Ctrl-C or for the alarm signal, and on systems without that signal.
     """
     if not _is_ours_to_handle():
         yield
@@ -41,7 +41,7 @@ def ctrl_c_insists() -> Iterator[None]:
     pressed = False
 
     def again(_: int, __: FrameType | None) -> None:
-        if not being_handled():
+        if not is_interrupt_handled():
             raise KeyboardInterrupt
 
     def press(_: int, __: FrameType | None) -> None:
@@ -58,7 +58,7 @@ def ctrl_c_insists() -> Iterator[None]:
         signal.setitimer(signal.ITIMER_REAL, 0)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    if pressed:  # and everything was over before it was raised again
+    if pressed:  # the block ended before the interrupt was raised again
         raise KeyboardInterrupt
 
 

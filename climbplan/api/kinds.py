@@ -63,9 +63,9 @@ class PlanKind:
         """Write report.json alone into a directory; None as `verification` verifies again."""
         self._module("pages.report").write_values(path, directory, verification)
 
-    def report_dict(self, path: Path) -> dict[str, object]:
+    def build_report(self, path: Path) -> dict[str, object]:
         """Return the contents of report.json."""
-        values: dict[str, object] = self._module("pages.report").report_dict(path)
+        values: dict[str, object] = self._module("pages.report").build_report(path)
         return values
 
     def export_csv(self, path: Path, out: Path | TextIO) -> None:

@@ -1,4 +1,4 @@
-"""`climbplan.load`: a spec from a file, a text, plain data or a spec model, checked."""
+"""`climbplan.load_spec`: read and check a spec from a file, a text, plain data or a model."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic import BaseModel
 
+from climbplan.deprecation import renamed_parameters
 from climbplan.errors import UsageError
 from climbplan.schema.loaded import LoadedSpec
 from climbplan.schema.loading import load_source
@@ -24,38 +25,41 @@ NAME = "spec"  # of specs that are no files
 SpecSource = str | Path | Mapping[str, Any] | BaseModel
 
 
-def load(
+@renamed_parameters(set="overrides")
+def load_spec(
     source: SpecSource,
-    set: Mapping[str, Any] | None = None,
+    overrides: Mapping[str, Any] | None = None,
     *,
     folder: str | Path | None = None,
 ) -> AnyLoaded:
-    """Read, change and check a spec of any kind.
+    """Read a spec of any kind, override values and check it.
 
-    source: a path, a YAML text of several lines, a mapping as YAML would have it, or a spec model
-    such as `climbplan.ClimbSpec`, of which only what was stated counts as stated.
-    set: values by dotted key, as `--set` has them: `{"task.rounds": 3}`.
-    folder: that paths in a spec start from; by default the file's own, else the current one.
+    Args:
+        source: a path, a YAML text of several lines, a mapping with the keys of a YAML file, or a
+            spec model such as `climbplan.ClimbSpec`, of which only the fields that were set count.
+        overrides: values by dotted key, as with `--set`: `{"task.rounds": 3}`.
+        folder: the directory that relative paths in the spec start from; None means the directory
+            of the spec file, or the current one for other sources.
 
     Raises:
-        SpecError: with every mistake, and the line of each where there is a text.
-        UsageError: for a source of another type.
+        SpecError: the spec has mistakes; all of them are listed, with lines where there is a text.
+        UsageError: the source has another type.
     """
-    text = _text(source)
+    text = _read_source(source)
     if folder is not None:
         text = SourceText(text.shown, text.name, Path(folder).resolve(), text.text)
-    return load_source(text, [_override(key, value) for key, value in (set or {}).items()])
+    return load_source(text, [_override(key, value) for key, value in (overrides or {}).items()])
 
 
-def changed(loaded: LoadedSpec, set: Mapping[str, Any]) -> LoadedSpec:
-    """A loaded spec with other values, checked anew; raises SpecError."""
+def override_spec(loaded: LoadedSpec, overrides: Mapping[str, Any]) -> LoadedSpec:
+    """Return a loaded spec with values replaced and checked again; raises SpecError."""
     text = SourceText(loaded.source, loaded.name, loaded.directory, loaded.text)
-    again = load_source(text, [_override(key, value) for key, value in set.items()])
+    again = load_source(text, [_override(key, value) for key, value in overrides.items()])
     assert isinstance(again, LoadedSpec)  # of the same kind
     return again
 
 
-def _text(source: SpecSource) -> SourceText:
+def _read_source(source: SpecSource) -> SourceText:
     if isinstance(source, Path):
         return read_source(source)
     if isinstance(source, str):
@@ -66,7 +70,7 @@ def _text(source: SpecSource) -> SourceText:
         data = source.model_dump(mode="json", exclude_unset=True, by_alias=True)
         return SourceText(type(source).__name__, NAME, Path.cwd(), write_yaml(data))
     if isinstance(source, Mapping):
-        return SourceText("mapping", NAME, Path.cwd(), write_yaml(_plain(dict(source))))
+        return SourceText("mapping", NAME, Path.cwd(), write_yaml(_to_yaml_types(dict(source))))
     raise UsageError(
         f"a spec is a path, a YAML text, a mapping or a spec model, got {type(source).__name__}"
     )
@@ -74,13 +78,13 @@ def _text(source: SpecSource) -> SourceText:
 
 def _override(key: str, value: Any) -> Override:
     if not isinstance(key, str) or not all(key.split(".")):
-        raise UsageError(f"set: expected dotted keys such as 'task.rounds', got {key!r}")
-    text = write_yaml(_plain(value)).strip().removesuffix("...").strip()
-    return Override(key, text, f"set {key}")
+        raise UsageError(f"overrides: expected dotted keys such as 'task.rounds', got {key!r}")
+    text = write_yaml(_to_yaml_types(value)).strip().removesuffix("...").strip()
+    return Override(key, text, f"override {key}")
 
 
-def _plain(value: Any) -> Any:
-    """Arrays, tuples and models as lists and mappings, which YAML has."""
+def _to_yaml_types(value: Any) -> Any:
+    """Convert arrays, tuples and models to lists and mappings, which YAML has."""
     if isinstance(value, BaseModel):
         return value.model_dump(mode="json", exclude_unset=True, by_alias=True)
     if isinstance(value, np.ndarray | np.generic):
@@ -88,7 +92,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
     if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
+        return {key: _to_yaml_types(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
+        return [_to_yaml_types(entry) for entry in value]
     return value

@@ -1,4 +1,4 @@
-"""From a loaded spec to what its planner found, whatever its kind."""
+"""Run the planner of a loaded spec, whatever its kind."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ LIBRARY_FILE = "library.h5"
 
 
 @dataclass(frozen=True)
-class Made:
-    """What a planner found, and how it becomes files."""
+class PlannedResult:
+    """The outcome of a planner, and the functions that write its files."""
 
     summary: Sequence[str]  # lines about the run
     warnings: Sequence[str]
@@ -36,24 +36,29 @@ class Made:
 
 
 @dataclass(frozen=True)
-class MakingOptions:
-    """How a plan is made, beside what its spec says.
+class PlanningOptions:
+    """Options of a planner run that are not in the spec.
 
-    jobs: worker processes of a study or a file of scenes. save_model: where the mathematical
-    program is written, too. warn: takes words that are to be said while a run goes on.
+    Attributes:
+        progress: called with the name of a stage and the fraction of it that is done.
+        jobs: worker processes of a study or a file of scenes.
+        save_model: file that the optimisation problem is written to; None writes none.
+        warn: called with warnings while the planner runs.
     """
 
-    report: Progress = lambda stage, fraction: None
+    progress: Progress = lambda stage, fraction: None
     jobs: int = 1
     save_model: Path | None = None
     warn: Callable[[str], None] = lambda words: None
 
 
-def make(loaded: object, options: MakingOptions | None = None) -> Made:
-    """Plan what a loaded spec asks for.
+def run_planner(loaded: object, options: PlanningOptions | None = None) -> PlannedResult:
+    """Run the planner for the kind of a loaded spec.
 
-    Raises SpecError, with lines, for what only planning finds wrong; UsageError for a spec that is
-    no plan's; NoPlanFound where there is none, or none was found.
+    Raises:
+        SpecError: planning found a mistake in the spec; it has the line.
+        UsageError: no plan is made from specs of this kind.
+        NoPlanFound: no plan exists, or none was found.
     """
     spec = getattr(loaded, "spec", None)
     by_kind = _MAKERS.get(getattr(spec, "kind", ""))
@@ -63,16 +68,16 @@ def make(loaded: object, options: MakingOptions | None = None) -> Made:
             f"this is a {type(loaded).__name__}"
         )
     with placed_mistakes(loaded):
-        return by_kind(loaded, options or MakingOptions())
+        return by_kind(loaded, options or PlanningOptions())
 
 
-def _climb(loaded: LoadedClimb, options: MakingOptions) -> Made:
+def _climb(loaded: LoadedClimb, options: PlanningOptions) -> PlannedResult:
     from climbplan.climb.plan.file import write_climb
     from climbplan.climb.planner.planner import plan_climb
 
     def plan(given: LoadedClimb) -> ClimbPlan:
         return plan_climb(
-            given, report=options.report, jobs=options.jobs, save_model=options.save_model
+            given, report=options.progress, jobs=options.jobs, save_model=options.save_model
         )
 
     if loaded.spec.risk is None:
@@ -81,17 +86,19 @@ def _climb(loaded: LoadedClimb, options: MakingOptions) -> Made:
         from climbplan.climb.simulation.risk.planning import Execution, plan_with_risk
 
         found = plan_with_risk(
-            loaded, plan, type(loaded).with_overrides, Execution(options.jobs, options.report)
+            loaded, plan, type(loaded).with_overrides, Execution(options.jobs, options.progress)
         )
-    return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
+    return PlannedResult(
+        found.summary, found.warnings, found.status, lambda path: write_climb(found, path)
+    )
 
 
-def _transition(loaded: LoadedTransition, options: MakingOptions) -> Made:
+def _transition(loaded: LoadedTransition, options: PlanningOptions) -> PlannedResult:
     from climbplan.climb.plan.file import write_climb
     from climbplan.climb.transition.planner import plan_transition
 
     def plan(given: LoadedTransition) -> ClimbPlan:
-        return plan_transition(given, report=options.report)
+        return plan_transition(given, report=options.progress)
 
     if loaded.spec.risk is None:
         found = _in_sampled_worlds(plan(loaded), loaded, options)
@@ -99,15 +106,17 @@ def _transition(loaded: LoadedTransition, options: MakingOptions) -> Made:
         from climbplan.climb.simulation.risk.planning import Execution, plan_with_risk
 
         found = plan_with_risk(
-            loaded, plan, type(loaded).with_overrides, Execution(options.jobs, options.report)
+            loaded, plan, type(loaded).with_overrides, Execution(options.jobs, options.progress)
         )
-    return Made(found.summary, found.warnings, found.status, lambda path: write_climb(found, path))
+    return PlannedResult(
+        found.summary, found.warnings, found.status, lambda path: write_climb(found, path)
+    )
 
 
 def _in_sampled_worlds(
-    plan: ClimbPlan, loaded: LoadedClimb | LoadedTransition, options: MakingOptions
+    plan: ClimbPlan, loaded: LoadedClimb | LoadedTransition, options: PlanningOptions
 ) -> ClimbPlan:
-    """The plan, judged in worlds where its spec or robot file states what is uncertain."""
+    """Add the falls in sampled worlds, if the spec or the robot file states uncertainty."""
     from climbplan.schema.robots.uncertainty import states_uncertainty
     from climbplan.schema.robots.urdf.robot import UrdfRobot
 
@@ -118,37 +127,37 @@ def _in_sampled_worlds(
 
     start = time.perf_counter()
     sampled = add_world_sample(
-        plan, loaded.spec.seed, options.jobs, lambda part: options.report("worlds", part)
+        plan, loaded.spec.seed, options.jobs, lambda part: options.progress("worlds", part)
     )
     timings = {**plan.timings, "worlds": time.perf_counter() - start}
     return replace(sampled, timings=timings)
 
 
-def _limms(loaded: LoadedLimms, options: MakingOptions) -> Made:
+def _limms(loaded: LoadedLimms, options: PlanningOptions) -> PlannedResult:
     from climbplan.limms.plan.file import write_limms_plan
     from climbplan.limms.planner.planner import plan_limms
 
-    found = plan_limms(loaded, options.report)
-    return Made(
+    found = plan_limms(loaded, options.progress)
+    return PlannedResult(
         found.summary, found.warnings, found.status, lambda path: write_limms_plan(found, path)
     )
 
 
-def _walk(loaded: LoadedMpc, options: MakingOptions) -> Made:
+def _walk(loaded: LoadedMpc, options: PlanningOptions) -> PlannedResult:
     from climbplan.walking.plan.file import write_walk_plan
 
     if loaded.spec.solver.method != "online":
         from climbplan.walking.planner.planner import plan_walk
 
-        found = plan_walk(loaded, options.report)
-        return Made(
+        found = plan_walk(loaded, options.progress)
+        return PlannedResult(
             found.summary, found.warnings, found.status, lambda path: write_walk_plan(found, path)
         )
     from climbplan.walking.online.library import write_library
     from climbplan.walking.online.run import run_online
 
-    walked = run_online(loaded, options.report)
-    return Made(
+    walked = run_online(loaded, options.progress)
+    return PlannedResult(
         walked.plan.summary,
         walked.plan.warnings,
         walked.plan.status,
@@ -157,15 +166,17 @@ def _walk(loaded: LoadedMpc, options: MakingOptions) -> Made:
     )
 
 
-def _shelf(loaded: LoadedShelf, options: MakingOptions) -> Made:
+def _shelf(loaded: LoadedShelf, options: PlanningOptions) -> PlannedResult:
     from climbplan.bookshelf.plan.file import write_shelf_plan
     from climbplan.bookshelf.planner.runs import run_shelf
 
-    found = run_shelf(loaded, options.report, options.jobs, options.warn, options.save_model)
-    return Made(found.summary, (), found.totals.status, lambda path: write_shelf_plan(found, path))
+    found = run_shelf(loaded, options.progress, options.jobs, options.warn, options.save_model)
+    return PlannedResult(
+        found.summary, (), found.totals.status, lambda path: write_shelf_plan(found, path)
+    )
 
 
-_MAKERS: dict[str, Callable[..., Made]] = {
+_MAKERS: dict[str, Callable[..., PlannedResult]] = {
     "climb": _climb,
     "transition": _transition,
     "limms": _limms,

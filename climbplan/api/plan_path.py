@@ -1,4 +1,4 @@
-"""Which file a PLAN argument means."""
+"""Find the file that a PLAN argument stands for."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ PLAN_FILE = "plan.h5"
 DATASET_FILE = "dataset.h5"
 
 
-def find_plan(given: Path) -> Path:
-    """The plan file that is given, or the one in the output directory that is.
+def find_plan(path: Path) -> Path:
+    """Return a plan file, or the one in an output directory.
 
     Raises:
-        PlanFileError: there is none.
+        PlanFileError: there is none at `path`.
     """
-    if given.is_dir():
+    if path.is_dir():
         for name in (PLAN_FILE, DATASET_FILE):
-            if (given / name).is_file():
-                return given / name
-        raise PlanFileError(f"{given}: a directory without {PLAN_FILE} or {DATASET_FILE}")
-    if not given.exists():
-        raise PlanFileError(f"{given}: no such file")
-    return given
+            if (path / name).is_file():
+                return path / name
+        raise PlanFileError(f"{path}: a directory without {PLAN_FILE} or {DATASET_FILE}")
+    if not path.exists():
+        raise PlanFileError(f"{path}: no such file")
+    return path

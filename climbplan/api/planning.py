@@ -83,5 +83,5 @@ def verify(
     spec: SpecSource | None = None,
     overrides: Mapping[str, Any] | None = None,
 ) -> Verification:
-    """Check every constraint of a plan again, as `Plan.verify`; takes files and directories, too."""
+    """Check every constraint of a plan, file or output directory again, as `Plan.verify`."""
     return (plan if isinstance(plan, Plan) else load_plan(plan)).verify(spec, overrides)

@@ -35,9 +35,9 @@ def problem_from_spec(
     - A transition gives its motion for the best contact sequence of the search, or for the one
       that the spec names. `pose` is where a round starts, so the first is fixed; costs are 100
       times those of the plan.
-    - A walk gives all knots, with contacts as binaries, from the initial gait `solver.initial_gait`. Knot
-      n has `state{n}` (position, velocity, roll pitch yaw, angular velocity), `toe{n}` (x, y of
-      each leg), `force{n}` and `contact{n}`.
+    - A walk gives all knots, with contacts as binaries, from the gait `solver.initial_gait`. Knot n
+      has `state{n}` (position, velocity, roll pitch yaw, angular velocity), `toe{n}` (x, y of each
+      leg), `force{n}` and `contact{n}`.
     - A bookshelf spec gives its only scene.
 
     Rows may be added before the problem is solved: `problem.program.between("mine", ...)` on

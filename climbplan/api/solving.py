@@ -30,12 +30,12 @@ class Solution:
 
     @property
     def status(self) -> str:
-        """Either "optimal", "feasible", "infeasible" (proved) or "limit": no solution, see `message`."""
+        """One of "optimal", "feasible", "infeasible" (proved) and "limit" (see `message`)."""
         return self.method_result.result.status
 
     @property
     def message(self) -> str:
-        """The last line of the method's log: how its solver ended, or what its solution violates."""
+        """Last line of the method's log: how its solver ended, or what the solution violates."""
         return self.method_result.result.log[-1] if self.method_result.result.log else ""
 
     @property

@@ -80,7 +80,7 @@ def test_a_file_that_exists_is_told_before_anything_is_planned(
     def propose_nothing(*_: object) -> None:
         raise AssertionError("nothing is proposed")
 
-    monkeypatch.setattr("climbplan.api.new_robot.propose", propose_nothing)
+    monkeypatch.setattr("climbplan.api.new_robot.propose_robot", propose_nothing)
     assert run(["new", "robot", "--urdf", str(path), str(tmp_path)]) == 2
     assert "walker4_wall.yaml: already exists; --force replaces it" in capsys.readouterr().err
 

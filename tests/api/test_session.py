@@ -22,18 +22,18 @@ def test_a_session_agrees_with_single_solves(method: str) -> None:
     state = _START
     for t in range(8):
         theta = {"start": state, "walls": _WALLS + 0.01 * np.sin(t)}
-        warm = session.solve(theta, shift=int(t > 0))
+        warm = session.solve(theta, horizon_shift=int(t > 0))
         cold = climbplan.solve(problem, theta, gap=1e-4)
-        assert cold.method.startswith("branch-and-bound")
+        assert cold.method_name.startswith("branch-and-bound")
         assert warm.status == cold.status == "optimal"
         assert warm.objective == pytest.approx(cold.objective, rel=2e-4)
         assert warm.gap is not None
         assert warm.gap <= 1e-4
         assert warm.check().passed(1e-6)
         state = warm["state"][1]
-    assert "remembered" in warm.method
-    session.forget()
-    assert "remembered" not in session.solve(theta).method
+    assert "remembered" in warm.method_name
+    session.reset()
+    assert "remembered" not in session.solve(theta).method_name
 
 
 def test_a_session_that_may_not_work_long_says_how_far_it_came() -> None:
@@ -59,13 +59,13 @@ def test_a_session_remembers_boxes_of_products() -> None:
     state = _START
     for t in range(4):
         theta = {"start": state, "walls": _WALLS}
-        warm = session.solve(theta, shift=int(t > 0))
+        warm = session.solve(theta, horizon_shift=int(t > 0))
         cold = climbplan.solve(problem, theta, gap=1e-3)
         assert warm.status == cold.status == "optimal"
         assert warm.objective == pytest.approx(cold.objective, rel=2e-3)
         assert warm.check().passed(1e-6)
         state = warm["state"][1]
-    assert "remembered" in warm.method
+    assert "remembered" in warm.method_name
 
 
 def test_a_session_refuses_what_the_tree_cannot_hold() -> None:
@@ -79,4 +79,4 @@ def test_a_session_refuses_what_the_tree_cannot_hold() -> None:
     with pytest.raises(UsageError, match="1 dual step or more"):
         climbplan.Session(springs(), work=0)
     with pytest.raises(UsageError, match="0 steps or more"):
-        climbplan.Session(springs()).solve({"start": _START, "walls": _WALLS}, shift=-1)
+        climbplan.Session(springs()).solve({"start": _START, "walls": _WALLS}, horizon_shift=-1)

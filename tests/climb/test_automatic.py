@@ -152,7 +152,7 @@ def test_a_choice_is_part_of_the_stored_spec(tmp_path: Path) -> None:
         t for t in trials if t.choices and t.choices[0].key == "trajectory.swing_clearance"
     )
     plan = plan_climb(apply_choices(spec, lower))
-    assert yaml.safe_load(plan.spec_text)["trajectory"] == {"lift": 0.03}
+    assert yaml.safe_load(plan.spec_text)["trajectory"] == {"swing_clearance": 0.03}
     path = tmp_path / "plan.h5"
     write_climb(plan, path)
     assert verify(path).passed

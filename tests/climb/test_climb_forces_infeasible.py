@@ -180,11 +180,11 @@ def test_conflicts_are_irreducible(demo_climb: SceneMaker) -> None:
         assert members is not None
         together = relax_members(cones, members)
         assert together is not None
-        assert together.missed > FEASIBLE
+        assert together.total_violation > FEASIBLE
         for member in members:
             rest = relax_members(cones, [m for m in members if m != member])
             assert rest is not None
-            assert rest.missed <= FEASIBLE
+            assert rest.total_violation <= FEASIBLE
         assert len(members) < len(list_members(cones))
         seen += 1
     assert seen == 6

@@ -8,7 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from climbplan.climb.check.anew.soles import distribute_to_corners, compute_corner_offsets, compute_sole_axes
+from climbplan.climb.check.anew.soles import (
+    compute_corner_offsets,
+    compute_sole_axes,
+    distribute_to_corners,
+)
 from climbplan.climb.check.feet import check_feet
 from climbplan.climb.check.forces import check_forces
 from climbplan.climb.check.subject import build_subject

@@ -76,7 +76,7 @@ def climb(folder: Path, friction: float, safety: float) -> Path:
         "posture": {"steps": {"com_max": 0.12, "toe_max": 0.14}},
         "force": {"safety_friction": safety, "safety_torque": 1.0},
         "solver": {"method": "micp", "time_limit": 300},
-        "trajectory": {"speed": 0.007, "lift": 0.025},
+        "trajectory": {"speed": 0.007, "swing_clearance": 0.025},
     }
     path = folder / "wall.yaml"
     path.write_text(yaml.safe_dump(spec, sort_keys=False))

@@ -85,7 +85,9 @@ def test_the_last_link_turns_with_the_joints(robot: Robot) -> None:
         ) / 2e-6
         np.testing.assert_allclose(change, np.cross(rows[..., joint, None, :], link), atol=1e-8)
     still = np.zeros((5, 3)), np.broadcast_to(np.eye(3), (5, 3, 3))
-    np.testing.assert_allclose(build_limbs(robot, *still, angles).compute_link_frame(), link, atol=1e-12)
+    np.testing.assert_allclose(
+        build_limbs(robot, *still, angles).compute_link_frame(), link, atol=1e-12
+    )
 
 
 def test_legs_that_no_wrist_fits_are_refused(tmp_path: Path) -> None:
@@ -153,7 +155,9 @@ def test_a_missing_moment_is_shared_by_parts_that_press() -> None:
     assert not change[0, 3].any()
     assert not shared.packed_array[0, 3].any()
     axis = grippers.axis[region]
-    parts = split_into_parts(more, shared.grip, shared.moment, shared.palm, axis, gripper.finger_span)
+    parts = split_into_parts(
+        more, shared.grip, shared.moment, shared.palm, axis, gripper.finger_span
+    )
     cones = grip_cones(normal, axis, undercut[region], np.full((1, 4), 0.5), np.full((1, 4), 4.0))
     assert cones.pressure(parts).min() > -1e-12
     assert cones.excess(parts, 1.0).max() < 1e-12

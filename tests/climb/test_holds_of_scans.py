@@ -66,7 +66,7 @@ def climb(folder: Path, ups: np.ndarray, **scan: Any) -> Path:
             "stance": {name: [side * 0.18, end * 0.307, -0.26] for name, side, end in LEGS},
         },
         "posture": {"steps": {"com_max": 0.1, "toe_max": 0.16}},
-        "trajectory": {"speed": 0.01, "lift": 0.025},
+        "trajectory": {"speed": 0.01, "swing_clearance": 0.025},
         "solver": {"time_limit": 100},
     }
     path = folder / "wall.yaml"

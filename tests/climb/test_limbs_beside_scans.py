@@ -47,7 +47,7 @@ def both(raw: RawScan, points: Array, places: Array, normals: Array) -> tuple[fl
     links = straight_capsules(points, RADIUS)
     found = find_nearest_raw(scan, links, Contacts(places[known], normals[known]), 0.0)
     plan = SimpleNamespace(terrain=SimpleNamespace(scan=scan))
-    subject = cast("Subject", SimpleNamespace(plan=plan, limb=lambda *_: "limb"))
+    subject = cast("Subject", SimpleNamespace(plan=plan, name_limb=lambda *_: "limb"))
     robot = SimpleNamespace(
         capsules=None, mechanism=None, limb_count=1, joint_count=3, limb_radius=RADIUS
     )

@@ -119,8 +119,10 @@ def test_free_depth_is_where_commands_put_free_toes(
 def test_margins_in_a_word_and_misspelt() -> None:
     assert load_climb(NONPARALLEL, ["margins=none"]).spec.margins == NO_MARGINS
     assert not NO_MARGINS.asked
-    with pytest.raises(SpecError, match=r"margins.presure: unknown key \(did you mean 'pressure'"):
-        load_climb(NONPARALLEL, ["margins.presure=0.1"])
+    with pytest.raises(
+        SpecError, match=r"margins.normal_forc: unknown key \(did you mean 'normal_force'"
+    ):
+        load_climb(NONPARALLEL, ["margins.normal_forc=0.1"])
     with pytest.raises(SpecError, match=r"margins"):
         load_climb(NONPARALLEL, ["margins=all"])
 

@@ -91,7 +91,7 @@ def scaled(data: Data, factor: float, folder: Path) -> Data:
         "limb_clearance": factor * 0.005,
     }
     out["margins"] = {"depth": factor * 0.005, "edge": factor * 0.01}
-    out["trajectory"] = {"lift": factor * 0.05, "speed": factor * 0.2 / 60}
+    out["trajectory"] = {"swing_clearance": factor * 0.05, "speed": factor * 0.2 / 60}
     return out
 
 

@@ -200,7 +200,7 @@ task:
   goal: {{com: [{goal}], rpy_deg: [{pitch}, 0, -90]}}
   stance: {{RF: [0.25, 0.42, -0.28], RM: [0.44, 0, -0.28], RR: [0.25, -0.42, -0.28],
     LR: [-0.25, -0.42, -0.28], LM: [-0.44, 0, -0.28], LF: [-0.25, 0.42, -0.28]}}
-trajectory: {{lift: 0.06}}
+trajectory: {{swing_clearance: 0.06}}
 solver: {{method: {method}}}
 """
 

@@ -14,7 +14,7 @@ from urdf_walkers import QUADRUPED
 
 from climbplan.arrays import Array
 from climbplan.climb.check.anew.capsules import build_capsules
-from climbplan.climb.check.anew.kinematics import compute_body_axes, build_limbs
+from climbplan.climb.check.anew.kinematics import build_limbs, compute_body_axes
 from climbplan.climb.check.convex import build_hull
 from climbplan.climb.check.self_collision import measure_part_clearances, measure_segment_distances
 from climbplan.climb.check.verification import verify_plan
@@ -59,7 +59,9 @@ def residuals(robot: Robot, angles: Array) -> Array:
     points = build_limbs(robot, com, axes, angles).points
     links = tuple(build_capsules(robot, com, axes, angles, points))
     parts = [build_hull("body", part) for part in robot.body_parts or (robot.body_hull,)]
-    return np.asarray(-measure_part_clearances(robot, parts, links, com, axes).clearance.min(axis=1))
+    return np.asarray(
+        -measure_part_clearances(robot, parts, links, com, axes).clearance.min(axis=1)
+    )
 
 
 def coal_room(links: Capsules, p: int, one: tuple[int, int], other: tuple[int, int]) -> float:

@@ -42,7 +42,9 @@ def test_the_plan_holds_from_its_file_alone(file: Path, climb: ClimbPlan) -> Non
     assert climb.grips is not None
     assert again.grips is not None
     np.testing.assert_array_equal(again.grips.pull_margin, climb.grips.pull_margin)
-    np.testing.assert_array_equal(again.grips.trajectory.packed_array, climb.grips.trajectory.packed_array)
+    np.testing.assert_array_equal(
+        again.grips.trajectory.packed_array, climb.grips.trajectory.packed_array
+    )
 
 
 def test_upper_grips_pull_and_hold_more(climb: ClimbPlan) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from climbplan.climb.motion.motion import StageClock
-from climbplan.errors import LimitReached, NotProved
+from climbplan.errors import LimitReached, Unresolved
 
 
 def test_failures_name_the_innermost_stage_that_did_not() -> None:
@@ -13,7 +13,7 @@ def test_failures_name_the_innermost_stage_that_did_not() -> None:
     with pytest.raises(LimitReached) as outer, clock.stage("posture"), clock.stage("kinematics"):
         raise LimitReached("too late")
     assert outer.value.stage == "kinematics"
-    with pytest.raises(NotProved) as own, clock.stage("posture"):
-        raise NotProved("no forces", because="chosen", stage="force")
+    with pytest.raises(Unresolved) as own, clock.stage("posture"):
+        raise Unresolved("no forces", because="chosen", stage="force")
     assert own.value.stage == "force"
     assert clock.seconds.keys() == {"posture", "kinematics"}

@@ -19,7 +19,12 @@ from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.postures.cost_bound import bound_posture_cost
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
-from climbplan.climb.scene.within_reach import find_usable_surfaces, find_reachable_surfaces, select_window, restrict_terrain
+from climbplan.climb.scene.within_reach import (
+    find_reachable_surfaces,
+    find_usable_surfaces,
+    restrict_terrain,
+    select_window,
+)
 from climbplan.climb.schema.loading import load_text
 from climbplan.climb.windows.body_way import BodyPath
 from climbplan.climb.windows.windows import plan_in_windows

@@ -19,7 +19,7 @@ def throw(throw_file: Path) -> LimmsPlan:
 
 
 @pytest.fixture(scope="session")
-def compute_yaw_rotation() -> LimmsPlan:
+def turned() -> LimmsPlan:
     return plan_limms(loaded("limms_turned"))
 
 

@@ -41,8 +41,8 @@ boxes:
   - {size: [0.2, 0.2, 0.2], mass: 0.4, start: [-0.5, -0.3, 0.4], goal: [0.5, -0.3, 0.4]}
   - {size: [0.2, 0.2, 0.2], mass: 0.4, start: [0.5, -0.3, 0.4], goal: [-0.5, -0.3, 0.4]}
 modules:
-  - {name: A, stand: [-1.1, 0.2, 0]}
-  - {name: B, stand: [1.1, 0.2, 0]}
+  - {name: A, position: [-1.1, 0.2, 0]}
+  - {name: B, position: [1.1, 0.2, 0]}
 """
 
 

@@ -76,7 +76,7 @@ def test_checker_finds_what_reaches_into_obstacles(over: LimmsPlan, tmp_path: Pa
 
 
 def test_modules_drive_round_obstacles(tmp_path: Path) -> None:
-    text = ROOM.replace("anchor: ceiling}", "stand: [-0.8, -0.2, 0]}")
+    text = ROOM.replace("anchor: ceiling}", "position: [-0.8, -0.2, 0]}")
     scene = build_scene(read(tmp_path, text))
     world = build_initial_plan(scene)
     drive(world, 0, np.array([0.8, -0.2, 0.0]), "A", np.random.default_rng(0))
@@ -98,7 +98,7 @@ def test_space_is_without_obstacles() -> None:
 
 def test_a_closed_wall_holds_no_way(tmp_path: Path) -> None:
     closed = ROOM.replace("[-0.05, -0.7, 0]", "[-0.05, -1, 0]").replace("0.2, 0.4]", "1, 1.05]")
-    closed = closed.replace("anchor: ceiling}", "stand: [0.8, 0.5, 0]}")
+    closed = closed.replace("anchor: ceiling}", "position: [0.8, 0.5, 0]}")
     closed = closed.replace("[-0.02, 0.35, 1.05]", "[0.5, 0.35, 1.05]")
     scene = build_scene(read(tmp_path, closed))
     assert find_corridor(decompose_free_space(scene), scene.box_start[0], scene.goal) is None
@@ -114,7 +114,7 @@ def test_a_closed_wall_holds_no_way(tmp_path: Path) -> None:
         ("name: table", "name: wall", 7, "names must differ"),
         ("lower: [-0.4, -0.1, 0], upper: [-0.2, 0.1, 0.2]", "lower: [2, 0, 0], upper: [3, 1, 1]",
          7, "'table' is nowhere in the free space"),
-        ("anchor: ceiling}", "stand: [0.0, 0.22, 0]}", 12, "is in obstacle 'wall' at the start"),
+        ("anchor: ceiling}", "position: [0.0, 0.22, 0]}", 12, "is in obstacle 'wall' at the start"),
         ("position: [-0.02, 0.35, 1.05]", "position: [0, 0, 0.2]", 9, "outside the free space"),
     ],
 )  # fmt: skip

@@ -32,7 +32,7 @@ terrain:
     - {name: east, position: [0.3, 0.7, 0.6], normal: [0, -1, 0]}
 box: {size: [0.2, 0.2, 0.2], mass: 0.3, start: [-0.9, 0.1, 0.1], goal: [0.7, 0.1, 0.4]}
 modules:
-  - {name: A, stand: [-0.3, -0.3, 0]}
+  - {name: A, position: [-0.3, -0.3, 0]}
 """
 
 

@@ -43,7 +43,7 @@ terrain:
     - {name: high wall, position: [0.35, 0.6, 0.95], normal: [0, -1, 0]}
 box: {size: [0.2, 0.2, 0.2], mass: 0.3, start: [-0.35, -0.1, 0.1], goal: [0.4, 0, 1.35]}
 modules:
-  - {name: A, stand: [-1.0, 0.3, 0]}
+  - {name: A, position: [-1.0, 0.3, 0]}
 """
 # No anchor is near the box: legs bring it to where an arm takes it
 HALL = """\
@@ -56,10 +56,10 @@ terrain:
     - {name: east, position: [2.5, 0.0, 0.7], normal: [-1, 0, 0]}
 box: {size: [0.3, 0.3, 0.3], mass: 0.4, start: [0.6, 0, 0.15], goal: [2.0, 0.0, 1.1]}
 modules:
-  - {name: A, stand: [-0.9, 0.7, 0]}
-  - {name: B, stand: [-0.9, -0.7, 0]}
-  - {name: C, stand: [-0.9, 0.2, 0]}
-  - {name: D, stand: [-0.9, -0.2, 0]}
+  - {name: A, position: [-0.9, 0.7, 0]}
+  - {name: B, position: [-0.9, -0.7, 0]}
+  - {name: C, position: [-0.9, 0.2, 0]}
+  - {name: D, position: [-0.9, -0.2, 0]}
 """
 
 

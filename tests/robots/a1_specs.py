@@ -37,7 +37,7 @@ task:
 posture:
   steps: {com_shift_max: 0.157}
 force: {safety_friction: 1.2}
-trajectory: {lift: 0.0298}
+trajectory: {swing_clearance: 0.0298}
 """
 GROUND_TO_WALLS = """kind: transition
 robot: a1.yaml
@@ -62,21 +62,21 @@ task:
     LF: [-0.1924, 0.1170, -0.2076]
 posture:
   steps: {com_shift_max: 0.156, com_max: 0.313}
-search: {aside: 0.059, heights: 4}
+search: {lateral_offset: 0.059, heights: 4}
 force: {safety_torque: 1.20}
-trajectory: {lift: 0.0306}
+trajectory: {swing_clearance: 0.0306}
 """
 WALK = """kind: mpc
 robot: a1.yaml
 terrain: {friction: 0.8}
 task:
   knots: 16
-  step: 0.123
+  dt: 0.123
   min_contacts: 2
-  lift: 0.039
+  swing_clearance: 0.039
   reference: {velocity: [0.5, 0, 0], rpy_deg: [0, 0, 0]}
 weights: {velocity: [100, 100, 1000], angles: [100, 100, 10], height: 1000}
-solver: {method: nlp, guess: walking trot}
+solver: {method: nlp, initial_gait: walking trot}
 """
 
 

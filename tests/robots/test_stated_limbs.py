@@ -100,7 +100,7 @@ def test_a_limb_with_freedom_to_choose_is_told_which_angles() -> None:
     """Angles that put the toe there but are not the nearest to the posture do not hold."""
     robot = robot_of("robot_walker.yaml")
     stated, numbers = stated_limbs(robot), numbers_of(robot, stated_limbs(robot))
-    assert "pull" in stated.found
+    assert "pull" in stated.variable_shapes
     toes = robot.stance_body
     own = stated.at_toes(robot, toes)
     jacobian = jacobian_body(robot, own["angles"])

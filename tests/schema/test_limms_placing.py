@@ -21,7 +21,7 @@ box: {size: [0.2, 0.2, 0.2], mass: 0.3, start: [1.5, 0, 0.1], goal: [1, 0, 1]}
 static_boxes:
   - {size: [0.2, 0.2, 0.2], position: [1, 0.5, 0.1]}
 modules:
-  - {name: A, stand: [0.5, 0.5, 0]}
+  - {name: A, position: [0.5, 0.5, 0]}
   - {name: B, anchor: wall}
 """
 
@@ -29,12 +29,16 @@ modules:
 @pytest.mark.parametrize(
     ("old", "new", "words"),
     [
-        ("position: [0.5, 0.5, 0]", "stand: [1.5, 0.05, 0]", "is in the box at its start"),
+        ("position: [0.5, 0.5, 0]", "position: [1.5, 0.05, 0]", "is in the box at its start"),
         ("position: [0.5, 0.5, 0]", "position: [1.1, 0.5, 0]", "is in parked box 0"),
-        ("position: [0.5, 0.5, 0]", "stand: [0.01, 0.5, 0]", "is in what is solid"),
+        ("position: [0.5, 0.5, 0]", "position: [0.01, 0.5, 0]", "is in what is solid"),
         ("upper: [2, 1, 2]", "upper: [2, 1, 0.98]", "outside the free space"),
-        ("{name: A, stand: [0.5, 0.5, 0]}", "{name: A, anchor: side}", "'B', straight and 0.99 m"),
-        ("B, anchor: wall", "B, stand: [0.5, 0.55, 0]", "is in module 'A'"),
+        (
+            "{name: A, position: [0.5, 0.5, 0]}",
+            "{name: A, anchor: side}",
+            "'B', straight and 0.99 m",
+        ),
+        ("B, anchor: wall", "B, position: [0.5, 0.55, 0]", "is in module 'A'"),
         ("position: [0.9, 1, 1]", "position: [0, 0, 1]", "anchor 'wall' is at the same place"),
         ("goal: [1, 0, 1]", "goal: [1.5, 0, 0.1]", "nothing to plan"),
         ("start: [1.5, 0, 0.1]", "start: [1.5, 0, 0.1001]", "does not stand on the ground"),

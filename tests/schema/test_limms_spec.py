@@ -21,7 +21,7 @@ box: {size: [0.2, 0.2, 0.2], mass: 0.3, start: [1, 0, 0.1], goal: [1, 0, 1]}
 static_boxes:
   - {size: [0.2, 0.2, 0.2], position: [1, 0.5, 0.1]}
 modules:
-  - {name: A, stand: [0.5, 0.5, 0]}
+  - {name: A, position: [0.5, 0.5, 0]}
 """
 
 
@@ -49,9 +49,14 @@ def test_good_one(tmp_path: Path) -> None:
         ("goal: [1, 0, 1]", "goal: [4, 0, 1]", 7, "the box at its goal is outside the space"),
         ("goal: [1, 0, 1]", "goal: [1, 0.5, 0.1]", 7, "inside parked box 0"),
         ("start: [1, 0, 0.1]", "start: [1, 0, 0.4]", 7, "does not stand on the ground"),
-        ("stand: [0.5, 0.5, 0]", "stand: [0.5, 0.5, 0.2]", 11, "does not stand on the ground"),
-        ("stand: [0.5, 0.5, 0]", "anchor: roof", 11, "expected an anchor of the terrain (wall)"),
-        ("stand: [0.5, 0.5, 0]", "stand: [0.5, 0.5, 0], anchor: wall", 11, "either `stand`"),
+        (
+            "position: [0.5, 0.5, 0]",
+            "position: [0.5, 0.5, 0.2]",
+            11,
+            "does not stand on the ground",
+        ),
+        ("position: [0.5, 0.5, 0]", "anchor: roof", 11, "expected an anchor of the terrain (wall)"),
+        ("position: [0.5, 0.5, 0]", "position: [0.5, 0.5, 0], anchor: wall", 11, "either `stand`"),
         ("normal: [1, 0, 0]", "normal: [1, 1, 0]", 6, "unit vector along an axis"),
         ("upper: [2, 1, 2]", "upper: [2, 1, 0]", 4, "expected more than lower"),
         ("kind: limms", "kind: limms\nrobot: lims", 2, "did you mean 'limms'"),
@@ -68,7 +73,7 @@ def test_mistakes_have_line_and_key(
 
 def test_all_mistakes_at_once(tmp_path: Path) -> None:
     text = TOLERANCES.replace("goal: [1, 0, 1]", "goal: [0.05, 0, 1]")
-    text = text.replace("stand: [0.5, 0.5, 0]", "stand: [5, 0.5, 0]")
+    text = text.replace("position: [0.5, 0.5, 0]", "position: [5, 0.5, 0]")
     assert len(messages(tmp_path, text)) == 2
 
 

@@ -24,7 +24,7 @@ kind: mpc
 robot: scalar
 task:
   knot: 9
-  step: -1
+  dt: -1
   start: {rpy_deg: [0, 95, 0]}
 terrain:
   regions:
@@ -37,7 +37,7 @@ weights: {velocity: [1, -1, 1]}
     for line, words in (
         (2, "did you mean 'scaler'"),
         (4, "did you mean 'knots'"),
-        (5, "task.step"),
+        (5, "task.dt"),
         (6, "pitch"),
         (10, "overlaps region 'a'"),
         (11, "did you mean 'search'"),

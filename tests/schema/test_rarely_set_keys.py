@@ -134,7 +134,7 @@ def test_envelopes_are_grown_until_enough_is_feasible(monkeypatch: pytest.Monkey
 
     def fitted(_: object, __: object, count: int, likelihood: float, seed: int) -> list[Any]:
         likelihoods.append(likelihood)
-        return [SimpleNamespace(envelope=SimpleNamespace(grown=lambda growth: growth))]
+        return [SimpleNamespace(envelope=SimpleNamespace(widen=lambda growth: growth))]
 
     monkeypatch.setattr(run, "GROWTHS", (0.1, 0.4, 0.6, 0.9))
     monkeypatch.setattr(run, "select_training_points", lambda moved: (None, None))

@@ -113,7 +113,7 @@ def test_overrides_can_mend_a_file(spec_path: Path, small_climb: str) -> None:
         ("task.payload={mass: 1, mass: 2}", ["task.payload.mass: appears twice"]),
         (".".join("a" * 100) + "=1", ["at most 64 parts"]),
         ("study.x=3", ["study.x: unknown key"]),
-        ("solver.force=scip", ["expected one of `daqp`, `clarabel`, `osqp`, got 'scip'"]),
+        ("solver.force_solver=scip", ["expected one of `daqp`, `clarabel`, `osqp`, got 'scip'"]),
     ],
 )
 def test_mistakes_name_the_option(spec_path: Path, override: str, fragments: list[str]) -> None:

@@ -20,7 +20,7 @@ FLAT = Path(__file__).parents[2] / "specs" / "transition_flat.yaml"
         ("task.sequence=3--3", "expected counts of limbs"),
         ("task.sequence=RF RR XX | RM LR LF", "no limb 'XX'"),
         ("task.step_max.XX=0.3", "no limb 'XX'"),
-        ("task.supporting=6", "none can move"),
+        ("task.min_supporting_limbs=6", "none can move"),
         ("terrain.walls.friction=-1", "expected a number > 0"),
         ("terrain.ground.across=[1, 0]", "from < to"),
     ],

@@ -69,6 +69,6 @@ def test_legs_that_are_heavy_for_their_motors_swing_longer(
         return effort * asked[0] / step
 
     text = format_walk_document(body, "robot.yaml", told)
-    step = float(text.partition("step: ")[2].split()[0])
+    step = float(text.partition("dt: ")[2].split()[0])
     assert (step > asked[0] + 1e-3) == longer
     assert step == pytest.approx(asked[-1], abs=1e-3)

@@ -8,7 +8,10 @@ import numpy as np
 import pytest
 from walk_tasks import LEGS, named, shorter, walk_task
 
-from climbplan.walking.check.reference_dynamics import integrate_continuously, transform_toes_to_body
+from climbplan.walking.check.reference_dynamics import (
+    integrate_continuously,
+    transform_toes_to_body,
+)
 from climbplan.walking.dynamics.cost import compute_objective
 from climbplan.walking.kernels.contact_phases import shift_horizon
 from climbplan.walking.kernels.continuous_rollout import roll_out_horizon
@@ -53,11 +56,16 @@ def test_reach_is_that_of_numpy(whole: bool) -> None:
     program, at = trot_point()
     toes = program.compute_toes(at.state, at.spots)
     body, contact = TASK.body, program.gait.contact
-    beyond = (np.abs(transform_toes_to_body(at.state, toes) - body.toe_center) - body.toe_half).max(axis=-1)
+    beyond = (np.abs(transform_toes_to_body(at.state, toes) - body.toe_center) - body.toe_half).max(
+        axis=-1
+    )
     beyond[0, ~contact[0]] = -np.inf
     worst = beyond.max()
     if whole:
-        late = np.abs(transform_toes_to_body(at.state[1:], toes[:-1]) - body.toe_center) - body.toe_half
+        late = (
+            np.abs(transform_toes_to_body(at.state[1:], toes[:-1]) - body.toe_center)
+            - body.toe_half
+        )
         worst = max(worst, late.max(axis=-1)[contact[:-1]].max())
     mine = compute_reach_violation(body.toe_workspace, whole, contact, at.state, toes)
     assert mine == pytest.approx(worst, abs=1e-12)
@@ -148,5 +156,5 @@ def test_iterations_are_counted_and_limited() -> None:
     needed = program.num_iterations
     assert needed > 3
     fresh = PinnedProgram(TASK, Gait(program.gait.contact, program.gait.region))
-    assert fresh.solve_qp(at, most=needed // 2) is None
+    assert fresh.solve_qp(at, max_iterations=needed // 2) is None
     assert fresh.num_iterations <= needed // 2 + 1

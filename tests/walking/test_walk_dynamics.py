@@ -14,15 +14,15 @@ from walk_tasks import LEGS, walk_task
 
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.check.reference_dynamics import (
-    integrate_continuously,
     derivative,
     euler_rates,
-    integrate_knots,
+    integrate_continuously,
     integrate_knot,
+    integrate_knots,
     runge_kutta,
 )
 from climbplan.walking.dynamics.dynamics import BodyNumbers, sum_contact_wrench
-from climbplan.walking.dynamics.dynamics import integrate_knot as symbolic_step
+from climbplan.walking.dynamics.dynamics import knot_step as symbolic_step
 from climbplan.walking.dynamics.dynamics import state_derivative as symbolic_rates
 from climbplan.walking.kernels import compiling, dynamics_step
 from climbplan.walking.kernels.discrete_rollout import roll_out_knots

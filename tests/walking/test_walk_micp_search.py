@@ -155,7 +155,7 @@ def test_parts_by_contacts_and_halves_are_all_motions_together(
         assert two is not None
         held = [one for one in two.children if held_by(one, found)]
         assert held
-        assert held[0].bound <= cheap.cost
+        assert held[0].lower_bound <= cheap.cost
         part = held[0]
         assert part.bounds is not None
         assert program_cost(stated.build(part.bounds), found) <= cheap.cost * (1 + 1e-6)
@@ -374,7 +374,7 @@ def test_steps_on_parts_keep_what_other_seeds_find(monkeypatch: pytest.MonkeyPat
             held = [one for one in parts if held_by(one, found)]
             assert held
             assert all(one.lower_bound <= answer.objective for one in held)
-            begun = replace(run, bounds=[held[0].bound], start_time=time.process_time())
+            begun = replace(run, bounds=[held[0].lower_bound], start_time=time.process_time())
             parts = process_node(begun, held[0])
             assert begun.bounds[0] <= answer.objective
             steps.append(k)

@@ -107,7 +107,7 @@ def test_an_estimator_that_is_hit_beyond_its_range_is_waited_for(library: Sectio
         )
         between = loop.tick_samples[loop.tick_samples % TASK.samples != 0]
         # By joint velocities it is known at once
-        assert 163 + (quality.toe_rate == 0) <= between[0] <= last
+        assert 163 + (quality.foot_velocity_std == 0) <= between[0] <= last
 
 
 def test_dropped_measurements_are_bridged(library: SectionLibrary) -> None:

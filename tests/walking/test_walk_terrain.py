@@ -94,7 +94,8 @@ def test_a_slippery_ramp_lets_go_as_its_cones_say() -> None:
     still = {"velocity": [0, 0, 0]}
     task = stated(
         {**RAMP, "friction": 0.15},
-        knots=5, start={**still, "position": [0.58, 0]}, reference=still, workspace_over_stance=False,
+        knots=5, start={**still, "position": [0.58, 0]}, reference=still,
+        workspace_over_stance=False,
     )  # fmt: skip
     found = solve_gait(
         task, assign_regions(task, repeat_gait("stand", 4, task.knots)), None, 40
@@ -169,7 +170,9 @@ def test_toes_clear_what_lies_between() -> None:
     region[1:, 0] = 2
     kernel = compute_swing_heights(toes, contact, region, ground.region_arrays)
     np.testing.assert_allclose(kernel[1:3, 0], [0.06, 0.06])
-    np.testing.assert_allclose(compute_clearance_height(ground, toes, contact)[1:3, 0], [0.06, 0.06])
+    np.testing.assert_allclose(
+        compute_clearance_height(ground, toes, contact)[1:3, 0], [0.06, 0.06]
+    )
 
 
 def test_toes_clear_what_they_stood_on_the_edge_of() -> None:
@@ -268,7 +271,7 @@ def test_a_gap_is_too_wide_only_where_no_attitude_reaches(
     assert found is not None
     assert (found.near_name, found.far_name) == ("near", "far")
     assert found.width == pytest.approx(gap)
-    assert found.most == pytest.approx(compute_max_toe_distance(task.body))
+    assert found.max_width == pytest.approx(compute_max_toe_distance(task.body))
     assert found.proved == proved
     assert f"{gap:.2f} m between near and far" in str(found)
 

@@ -208,7 +208,9 @@ def _build_loads(
         force = force.sum(axis=-2)
     if grips is not None and scene.robot.gripper is not None:
         arm = -scene.robot.gripper.length * instants.normal
-        contact_state = np.concatenate([grips.packed_array, grips.moment + np.cross(arm, force)], axis=-1)
+        contact_state = np.concatenate(
+            [grips.packed_array, grips.moment + np.cross(arm, force)], axis=-1
+        )
     touching = contact_points(scene.robot, instants.toes, instants.normal)
     motion = rigid_motion(touching - instants.com[:, None]) * instants.contact[..., None, None]
     carried = np.einsum("kniv,kv->kni", motion, com_deflection)

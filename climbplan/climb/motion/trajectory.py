@@ -260,7 +260,9 @@ def _balance_weight_by_grips(
         missing_moment,
         _RANK_TOLERANCE,
     )
-    contact_state = np.concatenate([grips.packed_array, grips.moment + np.cross(arm, force)], axis=-1)
+    contact_state = np.concatenate(
+        [grips.packed_array, grips.moment + np.cross(arm, force)], axis=-1
+    )
     return replace(states, force=force, contact_state=contact_state)
 
 

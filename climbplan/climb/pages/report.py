@@ -113,6 +113,6 @@ def _build_page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str,
 
 
 _REPORT = PlanReport(read_climb, verify, _build_values, select_figures, _build_page)
-report_dict = _REPORT.report_dict
+build_report = _REPORT.build_report
 write_report = _REPORT.write_report
 write_values = _REPORT.write_values

@@ -237,7 +237,9 @@ def _check_grid_key(data: dict[str, Any], key: str, values: tuple[float, ...]) -
             return [Finding(grid_path, message, suggestion)]
     slot = find_slot(ClimbSpec, path)
     if slot is None or not slot.is_number or path[0] == "study":
-        return [Finding(grid_path, f"expected the dotted key of one number, got {format_value(key)}")]
+        return [
+            Finding(grid_path, f"expected the dotted key of one number, got {format_value(key)}")
+        ]
     changed = copy.deepcopy(data)
     holder: Any = changed
     for depth, segment in enumerate(path):
@@ -255,7 +257,8 @@ def _check_grid_key(data: dict[str, Any], key: str, values: tuple[float, ...]) -
             first_finding = collect_findings(error, ClimbSpec)[0]
             findings.append(
                 Finding(
-                    (*grid_path, i), f"as `{format_key_path(first_finding.path)}`: {first_finding.message}"
+                    (*grid_path, i),
+                    f"as `{format_key_path(first_finding.path)}`: {first_finding.message}",
                 )
             )
     return findings

@@ -12,9 +12,9 @@ from climbplan.climb.planner.proof import find_missing_support, find_unreachable
 from climbplan.climb.scene.climb_scene import (
     MotionScene,
     Stance,
+    add_raw_surface,
     build_stance,
     warn_of_reversed_regions,
-    add_raw_surface,
 )
 from climbplan.climb.scene.plausible_lengths import find_implausible_lengths
 from climbplan.climb.schema.transition import TransitionSpec

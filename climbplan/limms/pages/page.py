@@ -26,7 +26,7 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
 
     Args:
         plan: The plan.
-        report: The report, as `report_dict` returns it.
+        report: The report, as `build_report` returns it.
         images: PNG files by name.
     """
     limits = report["limits"]

@@ -134,6 +134,6 @@ def _build_values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]
 
 
 _REPORT = PlanReport(read_limms_plan, verify, _build_values, select_figures, build_page)
-report_dict = _REPORT.report_dict
+build_report = _REPORT.build_report
 write_report = _REPORT.write_report
 write_values = _REPORT.write_values

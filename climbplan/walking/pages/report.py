@@ -222,6 +222,6 @@ def _build_cards(report: Mapping[str, Any]) -> Iterator[Card]:
 
 
 _REPORT = PlanReport(read_walk_plan, verify, _collect_values, select_figures, _render_page)
-report_dict = _REPORT.report_dict
+build_report = _REPORT.build_report
 write_report = _REPORT.write_report
 write_values = _REPORT.write_values

@@ -65,7 +65,7 @@ class WalkRowSolverSpec(SpecModel):
     method: Literal["search", "nlp"] = Field(
         default="search", description="`search` or `nlp`, as of `kind: mpc`"
     )
-    qps: Count = quantity("", "QPs that the search may solve", default=400, ge=1)
+    max_qp_solves: Count = quantity("", "QPs that the search may solve", default=400, ge=1)
     time_limit: Number = quantity(
         "s",
         "cap of a row; a row that it ended is none, as its answer would depend on the machine",

@@ -98,7 +98,9 @@ class WalkLoopSpec(SpecModel):
     sensors: SensorsSpec = SensorsSpec()
     """Sensors of `estimation: ekf`."""
     lost_contacts: tuple[LostContactSpec, ...] = Field(default=(), description="failures")
-    max_candidates: Count = quantity("", "neighbours tried at most in a tick", default=8, ge=1, le=1000)
+    max_candidates: Count = quantity(
+        "", "neighbours tried at most in a tick", default=8, ge=1, le=1000
+    )
     min_feasible_candidates: Count = quantity(
         "", "answers that hold, of which the cheapest is taken", default=2, ge=1, le=1000
     )
@@ -122,7 +124,9 @@ class WalkLoopSpec(SpecModel):
     @model_validator(mode="after")
     def _in_time(self) -> Self:
         late = [(f"pushes.{k}.time", push.time) for k, push in enumerate(self.pushes)]
-        late += [(f"lost_contacts.{k}.time", loss.time) for k, loss in enumerate(self.lost_contacts)]
+        late += [
+            (f"lost_contacts.{k}.time", loss.time) for k, loss in enumerate(self.lost_contacts)
+        ]
         refuse(
             [
                 Fault(key, f"expected a time before the end at {self.duration:g} s, got {time:g}")

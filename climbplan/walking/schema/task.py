@@ -75,7 +75,7 @@ class WalkTaskSpec(SpecModel):
     """Horizon, start and reference."""
 
     knots: Count = quantity("", "intervals of the horizon", default=9, ge=2, le=40)
-    step: Number = quantity("s", "length of an interval", default=0.08, gt=0.005, le=0.5)
+    dt: Number = quantity("s", "length of an interval", default=0.08, gt=0.005, le=0.5)
     integrator: Literal["euler", "mean"] = Field(
         default="mean",
         description="`mean`: moment arms averaged over each interval in which the body moves on, "
@@ -89,15 +89,15 @@ class WalkTaskSpec(SpecModel):
     goal: WalkGoalSpec | None = Field(
         default=None, description="where the body has to be at the end; anywhere if left out"
     )
-    least_contacts: Count = quantity(
+    min_contacts: Count = quantity(
         "", "legs that stand in every interval at least", default=0, ge=0, le=4
     )
-    whole_stance: bool = Field(
+    workspace_over_stance: bool = Field(
         default=True,
         description="standing toes stay in their boxes until the interval's end, while the body "
         "moves on; `false`: at knots only, as published (`micp` looks for gaits by the latter)",
     )
-    lift: Number = quantity(
+    swing_clearance: Number = quantity(
         "m", "height of swinging toes above the ground", default=0.04, gt=0, le=0.12
     )
 

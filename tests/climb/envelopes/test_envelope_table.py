@@ -71,7 +71,7 @@ def _stage(t: float, s: float, d: float) -> FirstStage:
     f = p.continuous("force", (1, 3), -free[:, ::-1], free[:, ::-1])
     p.equal("product", toe[0, 0] * f[0, 2] - t)
     p.between("band", toe[0, 0] + f[0, 2], s, s + d)
-    instance = p.at()
+    instance = p.instantiate()
     columns = np.arange(6)[None]
     return FirstStage(
         instance, LocalForm.of(instance), columns, Range(instance.lower, instance.upper)

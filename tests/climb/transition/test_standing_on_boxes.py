@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
-from climbplan.climb.check.verification import verify_plan, verify
+from climbplan.climb.check.verification import verify, verify_plan
 from climbplan.climb.clearance.limbs import (
     INTERPOLATION_MARGIN,
     compute_link_distances,

@@ -47,7 +47,7 @@ task:
     toes: {L1: [-0.45, 0.35, 0], R1: [0.45, 0.35, 0], L2: [-0.45, -0.35, 0], R2: [0.45, -0.35, 0]}
   goal: {com: [0, 0, 0.32]}
 posture: {steps: {com_shift_max: 0.2, com_max: 0.3}}
-search: {aside: 0.08, heights: 3}
+search: {lateral_offset: 0.08, heights: 3}
 force: {safety_torque: 1.2}
 """
 FAR = np.inf

@@ -89,7 +89,7 @@ task:
   reference: {{velocity: [{speed:.2g}, 0, 0], rpy_deg: [0, 0, {yaw:g}]}}
 
 weights: {{{weights}, height: 1000}}  # {comment}
-solver: {{method: nlp, guess: walking trot}}
+solver: {{method: nlp, initial_gait: walking trot}}
 loop: {{effort: {_QP_ITERATIONS}}}  # of `--method online`: intervals leave time to try more gaits
 seed: 0
 """

@@ -1,0 +1,72 @@
+"""Old spec keys keep their meaning, with a warning that gives the new one."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from climbplan.errors import SpecError
+from climbplan.schema.fields import find_slot
+from climbplan.schema.kinds import KINDS
+from climbplan.schema.loading import load_source
+from climbplan.schema.renamed_keys import RENAMED_KEYS
+from climbplan.schema.source import SourceText
+
+CLIMB = """\
+kind: climb
+robot: silvia
+terrain: {friction: 1.0, walls: {gap: 1.23, along: [-1, 1], up: [-1, 2]}}
+task: {rounds: 2, start: {com: [0, 0, 0]}, goal: {com: [0, 0, 0.2]}}
+force:
+  least_pressure: 7
+"""
+
+
+def load(text: str, overrides: tuple[str, ...] = ()) -> object:
+    return load_source(SourceText("climb.yaml", "climb", Path(), text), overrides)
+
+
+def test_an_old_key_is_read_with_a_warning_that_has_its_line() -> None:
+    words = "climb.yaml, line 6: the key `force.least_pressure` is now `force.min_normal_force`"
+    with pytest.warns(FutureWarning, match=re.escape(words)):
+        loaded = load(CLIMB)
+    assert loaded.spec.force.min_normal_force == 7  # type: ignore[attr-defined]
+    assert loaded.text == CLIMB  # type: ignore[attr-defined]  # the user's own text stays
+
+
+@pytest.mark.parametrize("name", ["least_pressure", "min_normal_force"])
+@pytest.mark.parametrize("in_file", ["least_pressure", "min_normal_force"])
+def test_an_override_replaces_a_key_under_either_name(name: str, in_file: str) -> None:
+    text = CLIMB.replace("least_pressure", in_file)
+    if "least_pressure" in (name, in_file):
+        with pytest.warns(FutureWarning, match=r"is now `force\.min_normal_force`"):
+            loaded = load(text, (f"force.{name}=9",))
+    else:
+        loaded = load(text, (f"force.{name}=9",))
+    assert loaded.spec.force.min_normal_force == 9  # type: ignore[attr-defined]
+
+
+def test_a_mistake_under_an_old_key_has_the_line_of_the_file() -> None:
+    with (
+        pytest.warns(FutureWarning, match="is now"),
+        pytest.raises(SpecError, match=r"climb\.yaml:6: force\.min_normal_force") as refusal,
+    ):
+        load(CLIMB.replace("7", "seven"))
+    assert refusal.value.mistakes[0].line == 6
+
+
+def test_a_key_under_both_names_is_refused() -> None:
+    text = CLIMB + "  min_normal_force: 8\n"
+    with pytest.raises(SpecError, match=r"old name of `force\.min_normal_force`"):
+        load(text)
+
+
+@pytest.mark.parametrize(
+    ("kind", "old"), [(kind, old) for kind, table in RENAMED_KEYS.items() for old in table]
+)
+def test_every_new_key_is_one_of_the_model_and_no_old_one_is(kind: str, old: str) -> None:
+    *above, last = (0 if name == "*" else name for name in old.split("."))
+    assert find_slot(KINDS[kind].model, (*above, RENAMED_KEYS[kind][old])) is not None
+    assert find_slot(KINDS[kind].model, (*above, last)) is None

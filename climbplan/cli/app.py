@@ -39,7 +39,7 @@ from climbplan.cli.failure import (
     fault_of_surroundings,
 )
 from climbplan.cli.interrupts import Terminated, interrupt_handled
-from climbplan.cli.supervision import answer_is_printed, end_is_told, supervised
+from climbplan.cli.supervision import answer_is_printed, end_is_told, run_supervised
 from climbplan.errors import ClimbplanError, ExitCode
 
 prepare_environment()  # before NumPy is loaded
@@ -78,18 +78,18 @@ _PLAIN: dict[str, Any] = {
 
 @cache
 def _command(name: str) -> Any:
-    """The command of a name, from its module."""
+    """Return the command of a name, imported from its module."""
     function = name.replace("-", "_")
-    found = getattr(import_module(f"climbplan.cli.{function}"), function)
-    if isinstance(found, typer.Typer):  # with commands of its own
-        return typer.main.get_group(found)
+    function_or_group = getattr(import_module(f"climbplan.cli.{function}"), function)
+    if isinstance(function_or_group, typer.Typer):  # with commands of its own
+        return typer.main.get_group(function_or_group)
     single = typer.Typer(add_completion=False, **_PLAIN)
-    single.command(name)(found)
+    single.command(name)(function_or_group)
     return typer.main.get_command(single)
 
 
 class _Commands(TyperGroup):
-    """Turns the errors that are not bugs into messages and exit codes; commands in groups."""
+    """The commands in groups; errors that are not bugs become messages and exit codes."""
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(**settings)
@@ -97,7 +97,7 @@ class _Commands(TyperGroup):
         self.commands.update(named)  # for suggestions; `get_command` loads them
 
     def list_commands(self, ctx: Any) -> list[str]:
-        """All names, in the order of the groups."""
+        """Return all names in the order of the groups."""
         return list(_NAMES)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
@@ -105,15 +105,15 @@ class _Commands(TyperGroup):
         return _command(cmd_name) if cmd_name in _NAMES else super().get_command(ctx, cmd_name)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        """One table a group, columns at one place."""
+        """Write one table for each group, with aligned columns."""
         widest = max(len(name) for name in _NAMES)
         for title, names in GROUPS.items():
             rows = []
             for name in names:
                 command = self.get_command(ctx, name)
-                room = formatter.width - 6 - widest
+                width = formatter.width - 6 - widest
                 if command is not None:
-                    rows.append((name.ljust(widest), command.get_short_help_str(room)))
+                    rows.append((name.ljust(widest), command.get_short_help_str(width)))
             with formatter.section(title):
                 formatter.write_dl(rows)
 
@@ -139,7 +139,7 @@ class _Commands(TyperGroup):
             return super().invoke(ctx)
         except (Exception, KeyboardInterrupt) as error:
             # Libraries make errors of their own of an interrupt; it is one all the same.
-            code = _interrupted(error)
+            code = _report_interrupt(error)
             if code is not None:
                 raise typer.Exit(code) from None
             if isinstance(error, typer.Exit):
@@ -166,15 +166,15 @@ def _code_of(error: BaseException, session: Session) -> int | None:
     return None
 
 
-def _interrupted(error: BaseException) -> int | None:
-    """The exit code if a command ended because it was told to, which is said; else None."""
+def _report_interrupt(error: BaseException) -> int | None:
+    """Print that a signal ended the command and return its exit code; None for other errors."""
     number = interrupt_handled()
     if number is None and not isinstance(error, KeyboardInterrupt):
         return None
-    asked = number == signal.SIGTERM or isinstance(error, Terminated)
-    print("terminated" if asked else "interrupted", file=sys.stderr, flush=True)
+    is_terminated = number == signal.SIGTERM or isinstance(error, Terminated)
+    print("terminated" if is_terminated else "interrupted", file=sys.stderr, flush=True)
     end_is_told()
-    return TERMINATED if asked else INTERRUPTED
+    return TERMINATED if is_terminated else INTERRUPTED
 
 
 app = typer.Typer(
@@ -207,10 +207,10 @@ def _global_options(
 def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (by default the process's own) and return its exit code."""
     prepare_streams()
-    given = list(sys.argv[1:] if arguments is None else arguments)
-    session = Session(as_json="--json" in given)
+    command_line = list(sys.argv[1:] if arguments is None else arguments)
+    session = Session(as_json="--json" in command_line)
     with running(session):
-        code = _invoke(given, session)
+        code = _invoke(command_line, session)
     try:
         with standard_output():  # help and version may still be in the buffer
             if session.as_json and code != PIPE_CLOSED:
@@ -248,14 +248,14 @@ def _invoke(arguments: Sequence[str], session: Session) -> int:
 
 def main() -> NoReturn:
     """Entry point of the command line."""
-    sys.exit(supervised(_run_and_leave, _answer_for_killed))
+    sys.exit(run_supervised(_run_and_leave, _print_answer_for_killed))
 
 
 def _run_and_leave() -> int:
-    """Run the command line; end at once where a solver was left to itself, which may still run."""
+    """Run the command line; exit at once if an abandoned solver thread may still run."""
     code = int(run())
     interruption = sys.modules.get("climbplan.solvers.interruption")
-    if interruption is not None and interruption.has_left_solver():
+    if interruption is not None and interruption.has_abandoned_solver():
         for stream in (sys.stdout, sys.stderr):
             with suppress(OSError, ValueError):
                 stream.flush()
@@ -263,7 +263,7 @@ def _run_and_leave() -> int:
     return code
 
 
-def _answer_for_killed(code: int, words: str) -> None:
-    """What `--json` prints for a process that was killed before it came to it."""
+def _print_answer_for_killed(code: int, message: str) -> None:
+    """Print the JSON object for a process that was killed before it printed one."""
     if "--json" in sys.argv[1:]:
-        print_answer(Session(), code, {**failure_fields(None, code, ""), "message": words})
+        print_answer(Session(), code, {**failure_fields(None, code, ""), "message": message})

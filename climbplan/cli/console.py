@@ -77,14 +77,17 @@ def print_json(value: Mapping[str, Any]) -> None:
 
 
 def print_answer(session: Session, code: int, failure: Mapping[str, Any]) -> None:
-    """The one object of a run with `--json`, at its end.
+    """Print the one object of a run with `--json`, at its end.
 
-    code: how the run ended. failure: what is said of a run that failed, beside what it found.
+    Args:
+        session: the run, with its result if there is one.
+        code: exit code of the run.
+        failure: fields that describe a failure; they are added to the result.
     """
     if code == 0 and session.answer is None:
         return  # help and the like, which are for people
-    found = session.answer or {}
-    _print_object({**failure, **found, "exit_code": code} if code else {**found, "exit_code": 0})
+    answer = session.answer or {}
+    _print_object({**failure, **answer, "exit_code": code} if code else {**answer, "exit_code": 0})
 
 
 def _print_object(value: Mapping[str, Any]) -> None:

@@ -65,7 +65,7 @@ def figures_of(count: Count) -> str:
     """ "52.1 rows/s, 99.8 % answered, 0:03:10 left"."""
     if not count.new:
         return "starting"
-    share = 100 * count.answered / count.done
+    answered_percent = 100 * count.answered / count.done
     seconds = round(count.left)
     left = f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
-    return f"{count.rate:.3g} rows/s, {share:.1f} % answered, {left} left"
+    return f"{count.rate:.3g} rows/s, {answered_percent:.1f} % answered, {left} left"

@@ -38,7 +38,9 @@ PARTS = (
         "mixed-integer linear form of stated programs",
         wrong_versions=(("1.14.0", "its presolve gives wrong answers"),),
     ),
-    Dependency("SCIP", "PySCIPOpt", "pyscipopt", "independent mixed-integer oracle (--solver scip)"),
+    Dependency(
+        "SCIP", "PySCIPOpt", "pyscipopt", "independent mixed-integer oracle (--solver scip)"
+    ),
     Dependency("CasADi", "casadi", "casadi", "exact derivatives for --method nlp"),
     Dependency("IPOPT", "", "casadi/libcasadi_nlpsol_ipopt", "--method nlp; comes with CasADi"),
     Dependency("numpy", "numpy", "numpy", "arrays"),
@@ -207,7 +209,9 @@ def _examine(dependency: Dependency) -> DependencyState:
         )
         advice = f"install with: {how}"
     usable = is_installed and not fault
-    return DependencyState(dependency.name, number, state, dependency.purpose, dependency.required, usable, advice)
+    return DependencyState(
+        dependency.name, number, state, dependency.purpose, dependency.required, usable, advice
+    )
 
 
 def _find(dependency: Dependency) -> tuple[bool, str | None]:

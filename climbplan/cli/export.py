@@ -214,7 +214,8 @@ def _write_regulator(
         mark_unverified(output.path, remark)
         output.publish()
     context.ensure_object(Session).note(
-        f"a tick takes {1e6 * took.median:.0f} us here (median; 99 %: {1e6 * took.percentile_99:.0f} us)"
+        f"a tick takes {1e6 * took.median:.0f} us here "
+        f"(median; 99 %: {1e6 * took.percentile_99:.0f} us)"
     )
     return target
 

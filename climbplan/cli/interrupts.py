@@ -13,7 +13,7 @@ import sys
 from types import FrameType
 from typing import NoReturn
 
-from climbplan.api.ctrl_c import being_handled
+from climbplan.api.ctrl_c import is_interrupt_handled
 
 _AGAIN = 0.1  # [s]
 _received: list[int] = []  # the first signal, from then on the only one
@@ -53,7 +53,7 @@ def _interrupt(number: int, _: FrameType | None) -> NoReturn:
 
 
 def _once_more(_: int, frame: FrameType | None) -> None:
-    if not being_handled():
+    if not is_interrupt_handled():
         raise _exception()
 
 

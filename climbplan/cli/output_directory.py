@@ -108,10 +108,10 @@ class OutputDirectory:
     def _replace_existing(self) -> None:
         if exchange(self.path, self._final):
             return  # the old directory now stands at `path` and goes with it
-        aside = self._sibling("old")
-        self._final.rename(aside)
+        temporary = self._sibling("old")
+        self._final.rename(temporary)
         self.path.rename(self._final)
-        shutil.rmtree(aside)
+        shutil.rmtree(temporary)
 
     def _refuse_taken_target(self) -> None:
         final = self._final
@@ -200,8 +200,8 @@ def exchange(first: Path, second: Path) -> bool:
 
 
 def _is_abandoned(entry: Path, pid: int) -> bool:
-    """Whether the process that wrote `entry` is gone: no such process, and nobody's lock."""
-    if pid != os.getpid() and _runs(pid):  # its own is not made yet: a namesake's leftover
+    """Return whether the process that wrote `entry` is gone and nobody holds its lock."""
+    if pid != os.getpid() and _is_running(pid):  # its own is not made yet: a namesake's leftover
         return False
     try:
         descriptor = os.open(entry, os.O_RDONLY)
@@ -213,10 +213,10 @@ def _is_abandoned(entry: Path, pid: int) -> bool:
         os.close(descriptor)
 
 
-def _runs(pid: int) -> bool:
-    """Whether a process is there, and not merely dead without a parent that asked for its end.
+def _is_running(pid: int) -> bool:
+    """Return whether a process runs; zombies that nobody has reaped do not count.
 
-    As in containers, whose first process often asks for nobody's.
+    Containers often have such zombies, as their first process may reap none.
     """
     try:
         os.kill(pid, 0)

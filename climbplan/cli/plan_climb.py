@@ -27,6 +27,7 @@ from climbplan.cli.quick import NoReport, QuickClimb, quick_overrides
 def plan_climb(
     context: typer.Context,
     spec: Spec,
+    *,
     out: Out = None,
     assignments: Set = None,
     seed: Seed = None,

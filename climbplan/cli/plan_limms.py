@@ -23,6 +23,7 @@ from climbplan.cli.quick import NoReport, QuickModules, quick_overrides
 def plan_limms(
     context: typer.Context,
     spec: Spec,
+    *,
     out: Out = None,
     assignments: Set = None,
     seed: Seed = None,

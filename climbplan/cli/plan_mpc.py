@@ -14,6 +14,7 @@ from climbplan.cli.quick import NoReport, QuickWalk, quick_overrides
 def plan_mpc(
     context: typer.Context,
     spec: Spec,
+    *,
     out: Out = None,
     assignments: Set = None,
     seed: Seed = None,

@@ -16,9 +16,9 @@ from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.output_directory import OutputDirectory
 from climbplan.cli.progress import StageProgress
 from climbplan.cli.verify_line import (
-    leaves_out_lines,
-    level_line,
-    verify_line,
+    format_level,
+    format_omissions,
+    format_verification,
     warn_of_implausible,
 )
 from climbplan.errors import VerificationFailed
@@ -33,48 +33,48 @@ REPORT = "report.json"
 
 @dataclass
 class PlanRun:
-    """A run whose files stand in a hidden directory until they are whole."""
+    """A planner run whose files are in a hidden directory until they are complete."""
 
     session: Session
     target: Path  # where they appear
     directory: Path  # where they are written
     report: Callable[[str, float], None]  # progress: stage, share that is done
-    drawn: bool  # whether page and figures are wanted
+    with_figures: bool  # whether page and figures are wanted
     _failure: str = field(default="", init=False)  # why the plan must not be used
 
     def make(
         self, loaded: LoadedSpec, jobs: int = 1, save_model: Path | None = None
     ) -> PlannedResult:
-        """Plan what the spec asks for, write and verify it; its lines, warnings and report."""
+        """Run the planner of a spec, write and verify the plan, and print what it reports."""
         # Planners and solvers take a second to import: not before all paths are known to be good
         from climbplan.api.making import PlanningOptions, run_planner
 
-        made = run_planner(loaded, PlanningOptions(self.report, jobs, save_model, warn))
-        self._finish(made)
-        return made
+        result = run_planner(loaded, PlanningOptions(self.report, jobs, save_model, warn))
+        self._finish(result)
+        return result
 
-    def _finish(self, made: PlannedResult) -> None:
+    def _finish(self, result: PlannedResult) -> None:
         self.report("verify", 0.0)  # ends the planner's bar before lines are printed
         plan_file = self.directory / PLAN_FILE
-        made.write(plan_file)
-        if made.write_beside is not None:
-            made.write_beside(self.directory)
+        result.write(plan_file)
+        if result.write_beside is not None:
+            result.write_beside(self.directory)
         kind = identify_kind(plan_file)
         verify_and_mark = kind.load_verifier()
         start = time.perf_counter()
         verification = verify_and_mark(plan_file)
-        spent = time.perf_counter() - start
+        seconds = time.perf_counter() - start
         warn_of_implausible(verification)  # before all else
-        for line in made.summary:
+        for line in result.summary:
             self.session.note(line)
-        for warning in made.warnings:
+        for warning in result.warnings:
             warn(warning)
-        self.session.note(verify_line(verification, spent))
-        for line in leaves_out_lines(verification):
+        self.session.note(format_verification(verification, seconds))
+        for line in format_omissions(verification):
             self.session.note(line)
-        self.session.note(level_line(verification))
+        self.session.note(format_level(verification))
         self.report("report", 0.0)
-        write_report = kind.write_report if self.drawn else kind.write_values
+        write_report = kind.write_report if self.with_figures else kind.write_values
         write_report(plan_file, self.directory, verification)
         self._failure = verification.objection
 
@@ -82,12 +82,12 @@ class PlanRun:
         """Print the plan's path, or its report.
 
         Raises:
-            PlanFails: the plan failed its verification, or its data are implausible.
+            VerificationFailed: the plan failed its verification, or its data are implausible.
         """
         plan_file = self.target / PLAN_FILE
         if as_json:
-            told = json.loads((self.target / REPORT).read_text(encoding="utf-8"))
-            print_json({**told, "plan": str(plan_file)})
+            report = json.loads((self.target / REPORT).read_text(encoding="utf-8"))
+            print_json({**report, "plan": str(plan_file)})
         else:
             print_result(str(plan_file))
         if self._failure:

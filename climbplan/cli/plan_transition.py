@@ -25,6 +25,7 @@ from climbplan.cli.quick import NoReport, QuickTransition, quick_overrides
 def plan_transition(
     context: typer.Context,
     spec: Spec,
+    *,
     rounds: Annotated[
         int | None, typer.Option("--rounds", metavar="N", min=1, help="Number of rounds.")
     ] = None,

@@ -35,19 +35,19 @@ def place_report(target: Path, write: Callable[[Path], None], replace: bool) -> 
             directory.publish()
         return
     try:
-        aside = Path(tempfile.mkdtemp(prefix=".report.", dir=target))
+        temporary = Path(tempfile.mkdtemp(prefix=".report.", dir=target))
     except OSError as error:
         raise UsageError(f"{target}: cannot be written: {error.strerror}") from error
     try:
-        write(aside)
-        for entry in aside.iterdir():
+        write(temporary)
+        for entry in temporary.iterdir():
             if entry.is_dir():
                 shutil.rmtree(target / entry.name, ignore_errors=True)
             os.replace(entry, target / entry.name)
     except OSError as error:
         raise UsageError(f"{target}: cannot be written: {error.strerror or error}") from error
     finally:
-        shutil.rmtree(aside, ignore_errors=True)
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 PAGE = "report.html"
@@ -56,6 +56,7 @@ PAGE = "report.html"
 def report(
     context: typer.Context,
     plan: Plan,
+    *,
     out: Annotated[
         Path | None,
         typer.Option("--out", "-o", metavar="DIR", help="Directory [default: beside the plan]."),
@@ -80,32 +81,34 @@ def report(
     is printed on a second line.
     """
     path = find_plan(plan)
-    from climbplan.api.kinds import plan_kind
+    from climbplan.api.kinds import identify_kind
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.unsound import warn_of_failure
 
-    kind = plan_kind(path)
+    kind = identify_kind(path)
     verification = warn_of_failure(kind, path)
     if film is not None and film.exists() and not force:
         raise UsageError(f"{film}: already exists; --force replaces it")
     if as_json:
         if film is not None:
             raise UsageError("--film: nothing is written with --json")
-        print_json({**kind.report_dict(path), "plan": str(path)})
+        print_json({**kind.build_report(path), "plan": str(path)})
         return
-    beside = path.parent
-    target = out if out is not None else beside
-    own = target.resolve() == beside.resolve()
+    plan_folder = path.parent
+    target = out if out is not None else plan_folder
+    is_plan_folder = target.resolve() == plan_folder.resolve()
     with StageProgress(context.ensure_object(Session)) as progress:
         progress.report("report", 0.0)
         place_report(
-            target, lambda directory: kind.write_report(path, directory, verification), force or own
+            target,
+            lambda directory: kind.write_report(path, directory, verification),
+            force or is_plan_folder,
         )
         if film is not None:
             from climbplan.exports.film import write_film
 
             write_film(
-                kind.scene(path),
+                kind.read_scene(path),
                 film,
                 verification.badge + (", fragile" if verification.fragile else ""),
                 lambda part: progress.report("film", part),

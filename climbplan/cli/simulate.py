@@ -13,7 +13,7 @@ import typer
 from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import Session, print_json, print_result, warn
 from climbplan.cli.options import Force, Jobs, Json, Out, Plan, Quiet, Seed, Verbose
-from climbplan.errors import PlanFails, UsageError
+from climbplan.errors import UsageError, VerificationFailed
 
 
 class Regulated(StrEnum):
@@ -25,7 +25,7 @@ class Regulated(StrEnum):
     pose = "pose"
 
 
-class Judge(StrEnum):
+class SimulationEngine(StrEnum):
     """What plays a plan: the model in MuJoCo, quasi-static steps (worlds alone), or Drake."""
 
     mujoco = "mujoco"
@@ -36,6 +36,7 @@ class Judge(StrEnum):
 def simulate(
     context: typer.Context,
     plan: Plan,
+    *,
     out: Out = None,
     runs: Annotated[
         int,
@@ -171,13 +172,13 @@ def simulate(
         ),
     ] = 0,
     engine: Annotated[
-        Judge,
+        SimulationEngine,
         typer.Option(
             "--engine",
             help="mujoco; statics: quasi-static steps for --worlds; drake: a second engine, which "
             "plays the exported files of a climb or transition on the robot's own URDF.",
         ),
-    ] = Judge.mujoco,
+    ] = SimulationEngine.mujoco,
     urdf: Annotated[
         Path | None,
         typer.Option(
@@ -237,21 +238,21 @@ def simulate(
     nothing, --most-slips and --allow-falls go with it.
     """
     path = find_plan(plan)
-    key, values = _swept(sweep)
+    key, values = _parse_sweep(sweep)
     if seed is not None and seed < 0:
         raise UsageError(f"--seed {seed}: expected a whole number >= 0")
-    if engine is Judge.drake:
-        others = (
+    if engine is SimulationEngine.drake:
+        mujoco_options = (
             runs, sweep, payload, backlash_deg, limb_mass_share, not limb_weights, speed != 1.0,
             random_backlash_deg, delay_ms, joint_noise_deg, push, worlds, rare,
         )  # fmt: skip
-        rotors, gains = scaled("--armature", armature), scaled("--damping", damping)
+        rotors, gains = parse_scale("--armature", armature), parse_scale("--damping", damping)
         if (rotors.value is None and rotors.factor != 1.0) or gains.value is not None:
             raise UsageError(
                 "--engine drake: expected --armature =VALUE [kg m^2; default =0] and --damping "
                 "FACTOR on the exported D gains [default 1]"
             )
-        if any(others) or regulate in (Regulated.attitude, Regulated.pose):
+        if any(mujoco_options) or regulate in (Regulated.attitude, Regulated.pose):
             raise UsageError(
                 "--engine drake: expected no option of other engines; --friction, --gain, "
                 "--armature, --damping, --regulate joints or nothing, --urdf, --sphere-toes, "
@@ -276,21 +277,21 @@ def simulate(
         return
     if urdf is not None or sphere_toes:
         raise UsageError("--urdf and --sphere-toes go with --engine drake")
-    if rare and (not worlds or engine is not Judge.statics):
+    if rare and (not worlds or engine is not SimulationEngine.statics):
         raise UsageError("--rare: expected --worlds N and --engine statics beside it")
-    from climbplan.api.simulating import simulator
+    from climbplan.api.simulating import find_simulator
 
-    kind = simulator(path)
-    from climbplan.api.kinds import plan_kind
+    kind = find_simulator(path)
+    from climbplan.api.kinds import identify_kind
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.unsound import warn_of_failure
-    from climbplan.simulation.asked import Asked
     from climbplan.simulation.conditions import Conditions
     from climbplan.simulation.report_files import RESULT, write_simulation
+    from climbplan.simulation.request import SimulationRequest
 
-    rotors, gains = scaled("--armature", armature), scaled("--damping", damping)
-    asked = Asked(
+    rotors, gains = parse_scale("--armature", armature), parse_scale("--damping", damping)
+    request = SimulationRequest(
         conditions=Conditions(
             friction=friction,
             payload=payload,
@@ -311,62 +312,62 @@ def simulate(
         runs=runs,
         sweep_key=key,
         sweep_values=values,
-        most_backlash=math.radians(random_backlash_deg),
+        max_backlash=math.radians(random_backlash_deg),
         seed=seed or 0,
         jobs=workers or jobs,
         pictures=pictures,
-        pushes=tuple(map(parsed_push, push or ())),
+        pushes=tuple(map(parse_push, push or ())),
         worlds=worlds,
-        engine="statics" if engine is Judge.statics else "mujoco",
+        engine="statics" if engine is SimulationEngine.statics else "mujoco",
         rare=rare,
     )
     session = context.ensure_object(Session)
-    warn_of_failure(plan_kind(path), path)
+    warn_of_failure(identify_kind(path), path)
     name, run = kind(path)
     target = out if out is not None else Path("outputs", f"{name}_simulation")
     with OutputDirectory(target, force=force) as directory:
         with StageProgress(session) as progress:
-            told, outcome = run(asked, progress.report)
-        session.note(f"{name}   {told.headline}")
+            record, outcome = run(request, progress.report)
+        session.note(f"{name}   {record.headline}")
         for line in outcome:
             session.note(f"  {line}")
-        told_pictures = told.report["pictures"]
-        if pictures and told.film is None:
-            warn(told_pictures)
-        write_simulation(told, directory.path)
+        picture_note = record.report["pictures"]
+        if pictures and record.film is None:
+            warn(picture_note)
+        write_simulation(record, directory.path)
         directory.publish()
-    failure = "" if allow_falls else told.end.failure(most_slips)
+    failure = "" if allow_falls else record.end.failure(most_slips)
     if as_json:
         where = {"plan": str(path), "file": str(target / RESULT)}
-        print_json({**told.report, **where})
+        print_json({**record.report, **where})
     else:
         print_result(str(target / RESULT))
     if failure:
-        raise PlanFails(failure)
+        raise VerificationFailed(failure)
 
 
-def parsed_push(text: str) -> tuple[float, tuple[float, float, float]]:
-    """Time and velocity of a push as a command line has it; raises UsageError."""
+def parse_push(text: str) -> tuple[float, tuple[float, float, float]]:
+    """Parse TIME:VX,VY,VZ of a push into time [s] and velocity [m/s]; raises UsageError."""
     when, mark, velocity = text.partition(":")
     try:
-        time, parts = float(when), [float(part) for part in velocity.split(",")]
+        time, components = float(when), [float(part) for part in velocity.split(",")]
     except ValueError:
-        time, parts = math.nan, []
-    if not mark or len(parts) != 3 or not all(map(math.isfinite, (time, *parts))):
+        time, components = math.nan, []
+    if not mark or len(components) != 3 or not all(map(math.isfinite, (time, *components))):
         raise UsageError(f"--push {text}: expected TIME:VX,VY,VZ with numbers, such as 1.5:0,0.5,0")
-    return time, (parts[0], parts[1], parts[2])
+    return time, (components[0], components[1], components[2])
 
 
 @dataclass(frozen=True)
-class Scaled:
-    """A factor on robot data, or a value in their place."""
+class ScaleOrValue:
+    """A factor on the robot's data, or a value that replaces them."""
 
     factor: float = 1.0
     value: float | None = None
 
 
-def scaled(option: str, text: str) -> Scaled:
-    """Read FACTOR or =VALUE of a command line; raises UsageError for what is no number >= 0."""
+def parse_scale(option: str, text: str) -> ScaleOrValue:
+    """Parse FACTOR or =VALUE; raises UsageError unless it is a number >= 0."""
     try:
         number = float(text.removeprefix("="))
     except ValueError:
@@ -375,10 +376,10 @@ def scaled(option: str, text: str) -> Scaled:
         raise UsageError(
             f"{option} {text}: expected a factor >= 0, such as 0.5, or = and a value, such as =0.02"
         )
-    return Scaled(value=number) if text.startswith("=") else Scaled(factor=number)
+    return ScaleOrValue(value=number) if text.startswith("=") else ScaleOrValue(factor=number)
 
 
-def _swept(text: str | None) -> tuple[str, tuple[float, ...]]:
+def _parse_sweep(text: str | None) -> tuple[str, tuple[float, ...]]:
     if text is None:
         return "", ()
     key, mark, listed = text.partition("=")

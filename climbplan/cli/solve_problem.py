@@ -47,12 +47,20 @@ def load_problem(name: str) -> Problem:
         return _as_problem(name, _load_entry_point(name))
     if not place or not attribute:
         raise UsageError(f"--problem {name}: expected MODULE:OBJECT, FILE.py:OBJECT or a name")
-    module = _import_file(name, Path(place)) if place.endswith(".py") else _import_module(name, place)
+    module = (
+        _import_file(name, Path(place)) if place.endswith(".py") else _import_module(name, place)
+    )
     target: Any = module
     for attribute_name in attribute.split("."):
         if not hasattr(target, attribute_name):
-            raise UsageError(f"--problem {name}: {place} has no {attribute!r}{_list_offers(module)}")
-        target = vars(target)[attribute_name] if attribute_name in vars(target) else target.__getattribute__(attribute_name)
+            raise UsageError(
+                f"--problem {name}: {place} has no {attribute!r}{_list_offers(module)}"
+            )
+        target = (
+            vars(target)[attribute_name]
+            if attribute_name in vars(target)
+            else target.__getattribute__(attribute_name)
+        )
     return _as_problem(name, target)
 
 

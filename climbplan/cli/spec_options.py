@@ -60,7 +60,8 @@ def _solver_key(name: str) -> str:
             return f"solver.{key}"
     suggestion = find_closest_name(name, [name for names in accepted.values() for name in names])
     raise UsageError(
-        f"--solver {name}: no such solver; posture problem: {', '.join(accepted['posture_solver'])}; "
+        f"--solver {name}: no such solver; "
+        f"posture problem: {', '.join(accepted['posture_solver'])}; "
         f"force problem: {', '.join(accepted['force_solver'])}; "
         f"mixed-integer program: {', '.join(accepted['mip_solver'])}"
         + (f" (did you mean {suggestion!r}?)" if suggestion else "")

@@ -1,4 +1,4 @@
-"""A small process above the one that computes, so that a command ends soon after it is told to.
+"""A small process above the one that computes, so that a command ends soon after a signal.
 
 A signal interrupts Python, not compiled code: a factorisation, a presolve or a compiler may run for
 many seconds before Python is asked again, and no exception can be raised until then. The command
@@ -48,10 +48,10 @@ def answer_is_printed() -> None:
         os.write(_ledger, _ANSWERED + b"\0")
 
 
-def supervised(
+def run_supervised(
     command: Callable[[], int], unanswered: Callable[[int, str], None] = lambda code, words: None
 ) -> int:
-    """Run a command in a process of its own; the exit code.
+    """Run a command in a child process and return the exit code.
 
     That of the command, or 128 and the signal's number for one that was killed; `unanswered` is
     then called with it and with words, unless the process had printed its answer.
@@ -72,23 +72,23 @@ def supervised(
         if os.getppid() != parent:
             os._exit(128 + signal.SIGKILL)
         _ledger = ledger
-        return _below(command, before)
+        return _run_in_child(command, before)
     received, status = _wait(child, passed_on)
     if os.WIFSIGNALED(status):
         _end_orphans()
         number = received if received is not None else os.WTERMSIG(status)
-        words, notes = _last_word(number, received), _clear_away(ledger)
+        message, notes = _last_word(number, received), _clear_away(ledger)
         with suppress(OSError):  # a terminal that is gone
             if _TOLD not in notes:
-                os.write(2, f"{words}\n".encode())
+                os.write(2, f"{message}\n".encode())
             if _ANSWERED not in notes:
-                unanswered(128 + number, words)
+                unanswered(128 + number, message)
         return 128 + number
     return os.WEXITSTATUS(status)
 
 
-def _below(command: Callable[[], int], mask: set[int]) -> int:
-    """The command in its own process; handlers of signals stand before the first one comes."""
+def _run_in_child(command: Callable[[], int], mask: set[int]) -> int:
+    """Run the command in the child process, with signal handlers installed first."""
     from climbplan.cli.interrupts import raise_on_signals
 
     raise_on_signals()

@@ -18,6 +18,7 @@ from climbplan.errors import UsageError
 def view(
     context: typer.Context,
     plan: Plan,
+    *,
     port: Annotated[
         int, typer.Option("--port", metavar="N", min=0, max=65535, help="0 takes a free one.")
     ] = 8080,
@@ -39,12 +40,12 @@ def view(
     path = find_plan(plan)
     if importlib.util.find_spec("viser") is None:
         raise UsageError("`view` needs viser: pip install 'climbplan[view]'")
-    from climbplan.api.kinds import plan_kind
+    from climbplan.api.kinds import identify_kind
     from climbplan.cli.unsound import warn_of_failure
 
-    kind = plan_kind(path)
+    kind = identify_kind(path)
     warn_of_failure(kind, path)
-    scene = kind.scene(path)
+    scene = kind.read_scene(path)
     from climbplan.reports.viewer.server import Viewer
 
     with Viewer(scene, host, port) as viewer:

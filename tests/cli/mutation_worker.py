@@ -40,7 +40,7 @@ from climbplan.mechanics.identification import fit
 _MAX_ADDRESSES = 4 * 2**30  # [bytes]
 _MAX_CPU = 12  # [s] after which a child is ended by a signal
 _PATIENCE = 120.0  # [s] of waiting, on a machine that has other things to do
-_NUM_RESAMPLES = 3  # of fits of stiffness: more of them read nothing more
+_RESAMPLES = 3  # of fits of stiffness: more of them read nothing more
 
 
 class _Unseen:
@@ -143,7 +143,7 @@ def _in_environment(name: str, value: str, *command: str) -> int:
 def _prepare() -> None:
     """Make what commands do without their files cheap: help, a window, draws of a fit."""
     typer.main.get_command = functools.cache(typer.main.get_command)
-    fit._RESAMPLES = _NUM_RESAMPLES
+    fit._NUM_RESAMPLES = _RESAMPLES
     with contextlib.suppress(ImportError):
         from climbplan.reports.viewer import server
 

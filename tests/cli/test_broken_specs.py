@@ -45,7 +45,9 @@ BROKEN = {
     "mapping for a vector": ("com: [0.0, 0.0, 0.1]", "com: {x: 0}", "com: {x", "three numbers"),
     "unit in the name": ("rpy_deg: [0, 0, 0]", "rpy_rad: [0, 0, 0]", "rpy_rad", "unknown key"),
     "unknown method": ("method: micp", "method: magic", "magic", "one of `auto`, `micp`, `nlp`"),
-    "unknown solver": ("method: micp", "posture: cplex", "cplex", "one of `branch-and-bound`"),
+    "unknown solver": (
+        "method: micp", "posture_solver: cplex", "cplex", "one of `branch-and-bound`"
+    ),
     "empty region": ("width: 0.4", "width: 0", "width", "expected a number in m > 0"),
     "no direction": ("normal: [-1, 0, 0]", "normal: [0, 0, 0]", "normal", "expected a direction"),
     "no surface": ("  walls:\n", "  Walls:\n", "Walls", "did you mean 'walls'?"),

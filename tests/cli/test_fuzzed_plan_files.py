@@ -17,7 +17,7 @@ import pytest
 from plan_mutations import Change, one_change_each
 from scenes import SCENES, PlannedScenes
 
-from climbplan.api.kinds import plan_kind
+from climbplan.api.kinds import identify_kind
 from climbplan.cli.app import run
 from climbplan.errors import ClimbplanError, ExitCode
 
@@ -32,12 +32,12 @@ def original(request: pytest.FixtureRequest, planned_scenes: PlannedScenes) -> P
 
 def outcome_of(path: Path) -> int:
     """What comes of a file: every reader of it ends alike, or goes through."""
-    kind = plan_kind(path)
+    kind = identify_kind(path)
     verification = kind.verify(path)
     verification.require_sound(path)
-    kind.report_dict(path)
+    kind.build_report(path)
     kind.export_csv(path, io.StringIO())
-    kind.scene(path)
+    kind.read_scene(path)
     return 0 if verification.passed else 5
 
 
@@ -78,7 +78,7 @@ def test_every_command_refuses_what_is_unsound(
         with h5py.File(path, "r+") as file:
             change(file)
         commands = [["verify"], ["report", "--json"], ["view", "--no-browser"], ["export", "-o-"]]
-        if plan_kind(path).csv_name in ("trajectory.csv", "walk.csv"):
+        if identify_kind(path).csv_name in ("trajectory.csv", "walk.csv"):
             commands.append(["simulate", "--no-pictures", f"-o{tmp_path / 'out'}"])
         for command, *options in commands:
             assert run([command, str(path), *options]) == ExitCode.UNVERIFIED, (name, command)

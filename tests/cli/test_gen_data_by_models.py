@@ -55,8 +55,8 @@ def test_another_model_of_the_same_name_is_another_run(
     loaded = load_dataset(workplace / "solved.yaml", [setting, "problem.solver.method=forest"])
 
     def identity() -> Identity:
-        frame = gen_data._recipe(loaded, STATEMENT).source().frame
-        return Identity.of(loaded.spec, frame, gen_data._files(loaded, STATEMENT))
+        frame = gen_data._build_recipe(loaded, STATEMENT).source().frame
+        return Identity.of(loaded.spec, frame, gen_data._list_files(loaded, STATEMENT))
 
     before = identity()
     again = ("model.yaml", "--problem", STATEMENT, "-o", "model", "--seed", "1", "--force")

@@ -89,7 +89,7 @@ class Stages:
     def write_climb(self, plan: FakePlan, path: Path) -> None:
         path.write_text("plan")
 
-    def plan_format(self, path: Path) -> str:
+    def read_plan_format(self, path: Path) -> str:
         return "climbplan/climb"
 
     def verify_and_mark(self, path: Path) -> FakeVerification:
@@ -110,7 +110,7 @@ def stages(monkeypatch: pytest.MonkeyPatch) -> Stages:
     for module, names in {
         "climbplan.climb.planner.planner": ["plan_climb"],
         "climbplan.climb.plan.file": ["write_climb"],
-        "climbplan.store.plan_format": ["plan_format"],
+        "climbplan.store.plan_format": ["read_plan_format"],
         "climbplan.climb.check.verification": ["verify_and_mark"],
         "climbplan.climb.pages.report": ["write_report"],
     }.items():
@@ -195,7 +195,7 @@ def test_options_reach_the_planner(
     spec = stages.loaded.spec
     assert (spec.task.rounds, spec.terrain.friction, spec.seed) == (5, 0.8, 7)
     assert (spec.solver.time_limit, spec.solver.method) == (3.5, "nlp")
-    assert (spec.solver.posture, spec.solver.force) == ("scip", "clarabel")
+    assert (spec.solver.posture_solver, spec.solver.force_solver) == ("scip", "clarabel")
     assert (stages.jobs, stages.save_model) == (2, Path("model.txt"))
 
 

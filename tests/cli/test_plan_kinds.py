@@ -15,7 +15,7 @@ def test_a_family_has_what_reads_its_files(kind: PlanKind) -> None:
     wanted = [
         ("check.verification", "verify", ["path"]),
         ("check.verification", "verify_and_mark", ["path"]),
-        ("pages.report", "report_dict", ["path"]),
+        ("pages.report", "build_report", ["path"]),
         ("pages.report", "write_report", ["path", "directory", "verification"]),
         ("pages.report", "write_values", ["path", "directory", "verification"]),
         ("exports.table", "export_csv", ["path", "out"]),

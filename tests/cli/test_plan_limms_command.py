@@ -47,8 +47,8 @@ def test_forced_arms_are_refused_with_the_shortfall(
     [
         ("box.goal=[0, 0, 1]", 2, "box.goal"),
         ("terrain.anchors.0.position=[-0.2, 0, 0.7]", 2, "anchor 'wall' is outside"),
-        ("parked=[{size: [0.2, 0.2, 0.2], position: [0.8, 0, 0.1]}]", 2, "overlaps the box"),
-        ("modules.0.stand=[0.7, 0.05, 0]", 2, "is in the box at its start"),
+        ("static_boxes=[{size: [0.2, 0.2, 0.2], position: [0.8, 0, 0.1]}]", 2, "overlaps the box"),
+        ("modules.0.position=[0.7, 0.05, 0]", 2, "is in the box at its start"),
         ("task.allow=[quadruped]", 2, "a quadruped needs 4 modules, got 1"),
         ("box.mass=3", 3, "9.4 N short"),
         ("box.start=[2.2, 0, 0.1]", 3, "no module reaches the box"),

@@ -28,7 +28,7 @@ def test_a_plan_and_its_report(run_command: RunCommand, workplace: Path) -> None
 
 
 def test_a_sequence_sets_the_rounds(run_command: RunCommand, workplace: Path) -> None:
-    options = ("-s", "search.heights=2", "-s", "search.most=5")
+    options = ("-s", "search.heights=2", "-s", "search.max_sequences=5")
     outcome = run_command("plan-transition", FLAT, "--sequence", "2-2-2", "-o", "out", *options)
     assert outcome.code == 0, outcome.err
     assert "2-2-2: " in outcome.err
@@ -41,7 +41,7 @@ def test_a_sequence_sets_the_rounds(run_command: RunCommand, workplace: Path) ->
         ("terrain.walls.gap=1.5", 4, "the walls are 1.5 m apart"),
         ("task.goal.com=[0, 0, 0.9]", 4, "RM reaches its goal from no pose"),
         ("task.goal.com=[0, 0, 3.5]", 3, "cannot reach any place where it may stand"),
-        ("task.supporting=6", 2, "none can move"),
+        ("task.min_supporting_limbs=6", 2, "none can move"),
         (
             "terrain.boxes=[{name: brick, lower: [-0.4, 0.2, 0], upper: [-0.2, 0.6, 0.09]}]",
             2,
@@ -54,7 +54,7 @@ def test_a_sequence_sets_the_rounds(run_command: RunCommand, workplace: Path) ->
         ),
         ("force.safety_friction=3", 4, "no contact sequence"),
         ("task.step_max={LF: 0.1}", 4, "mm at least on the footholds searched, and may step 100"),
-        pytest.param("search.least_load=0.4", 4, "does not balance on", marks=pytest.mark.slow),
+        pytest.param("search.min_load=0.4", 4, "does not balance on", marks=pytest.mark.slow),
         ("solver.time_limit=0.0001", 4, "time limit"),
         ("climb={rounds: 1, goal: {com: [0, 0, 1.2]}}", 4, "climb, 1 round: RF's way to its goal"),
     ],

@@ -15,7 +15,7 @@ from command_line import RunCommand
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_text
-from climbplan.simulation.report_files import End
+from climbplan.simulation.report_files import SimulationEnd
 
 SMALL_CLIMB = Path(__file__).parents[1] / "schema" / "small_climb.yaml"
 SHORT = (
@@ -130,17 +130,17 @@ def test_a_fall_ends_with_five(run_command: RunCommand, workplace: Path, plan: P
 @pytest.mark.parametrize(
     ("end", "most", "words"),
     [
-        (End(None, 0, 0, 0), None, ""),
-        (End(None, 1, 0, 0), None, "stands with 1 slip"),
-        (End(None, 1, 2, 0), None, "stands with 1 slip and 2 lost contacts"),
-        (End(None, 1, 2, 0), 2, "2 together are let pass (--most-slips)"),
-        (End(None, 1, 2, 0), 3, ""),
-        (End(None, 0, 4, 4), None, ""),
-        (End(None, 0, 5, 4), None, "5 lost contacts"),
-        (End(3.2, 0, 0, 0), 100, "falls at 3.20 s"),
+        (SimulationEnd(None, 0, 0, 0), None, ""),
+        (SimulationEnd(None, 1, 0, 0), None, "stands with 1 slip"),
+        (SimulationEnd(None, 1, 2, 0), None, "stands with 1 slip and 2 lost contacts"),
+        (SimulationEnd(None, 1, 2, 0), 2, "expected at most 2 together (--most-slips)"),
+        (SimulationEnd(None, 1, 2, 0), 3, ""),
+        (SimulationEnd(None, 0, 4, 4), None, ""),
+        (SimulationEnd(None, 0, 5, 4), None, "5 lost contacts"),
+        (SimulationEnd(3.2, 0, 0, 0), 100, "falls at 3.20 s"),
     ],
 )
-def test_what_counts_as_a_failure(end: End, most: int | None, words: str) -> None:
+def test_what_counts_as_a_failure(end: SimulationEnd, most: int | None, words: str) -> None:
     said = end.failure(most)
     assert words in said
     assert bool(said) == bool(words)

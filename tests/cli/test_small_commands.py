@@ -112,7 +112,9 @@ def test_doctor_misses_what_is_gone(
 ) -> None:
     parts = (
         dependencies.Dependency("DAQP", "no-such-daqp", "no_such_daqp", "nodes"),
-        dependencies.Dependency("Gurobi", "no-such-gurobi", "no_such_gurobi", "nodes", required=False),
+        dependencies.Dependency(
+            "Gurobi", "no-such-gurobi", "no_such_gurobi", "nodes", required=False
+        ),
         dependencies.Dependency("X", "", "no-such-program", "looks", required=False, install="apt"),
         dependencies.Dependency("IPOPT", "", "numpy/no_such_plugin", "--method nlp"),
     )
@@ -168,7 +170,7 @@ def test_files_that_are_no_plan(run_command: RunCommand, workplace: Path, comman
 class FakeVerification:
     passed = False
     badge = "not verified"
-    stands = ""
+    risk_summary = ""
     leaves_out: tuple[str, ...] = ("what holds at knots only",)
     fragile: tuple[str, ...] = ("round 1, push: RF: normal force 2.0 of 10.1 N",)
     level = Level.DO_NOT_USE
@@ -216,12 +218,12 @@ def fake_export(path: Path, out: Path | TextIO) -> None:
 def plan_directory(workplace: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A directory that looks finished, and stand-ins for what reads it."""
     for module, members in {
-        "climbplan.store.plan_format": {"plan_format": lambda path: "climbplan/climb"},
+        "climbplan.store.plan_format": {"read_plan_format": lambda path: "climbplan/climb"},
         "climbplan.climb.check.verification": {"verify": fake_verify},
         "climbplan.climb.exports.table": {"export_csv": fake_export},
         "climbplan.climb.pages.report": {
             "write_report": fake_report,
-            "report_dict": lambda plan: {"size": len(plan.name)},
+            "build_report": lambda plan: {"size": len(plan.name)},
         },
     }.items():
         stand_in = types.ModuleType(module)

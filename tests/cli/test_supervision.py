@@ -19,7 +19,7 @@ import hashlib, os, signal, subprocess, sys, threading, time
 from pathlib import Path
 from climbplan.cli.interrupts import interrupt_handled
 from climbplan.cli.output_directory import OutputDirectory
-from climbplan.cli.supervision import supervised
+from climbplan.cli.supervision import run_supervised
 
 def ready():
     print("ready", flush=True)
@@ -90,7 +90,7 @@ def finish(run: subprocess.Popen[str]) -> tuple[int, str, str]:
 def test_compiled_code_that_does_not_return(
     tmp_path: Path, number: signal.Signals, code: int, word: str
 ) -> None:
-    run = start(tmp_path, "sys.exit(supervised(inside(deaf)))")
+    run = start(tmp_path, "sys.exit(run_supervised(inside(deaf)))")
     begin = time.monotonic()
     run.send_signal(number)
     assert finish(run) == (code, "", word)
@@ -106,7 +106,7 @@ def both():
     print(child.pid, flush=True)
     deaf()
 
-sys.exit(supervised(lambda: both() or 0))
+sys.exit(run_supervised(lambda: both() or 0))
 """
     run = subprocess.Popen(
         [sys.executable, "-c", START + script],
@@ -125,7 +125,7 @@ sys.exit(supervised(lambda: both() or 0))
 
 
 def test_a_crash_leaves_nothing_behind(tmp_path: Path) -> None:
-    run = start(tmp_path, "sys.exit(supervised(inside(os.abort)))")
+    run = start(tmp_path, "sys.exit(run_supervised(inside(os.abort)))")
     code, _, told = finish(run)
     assert code == 128 + signal.SIGABRT
     assert told == "internal error: the process crashed (SIGABRT); nothing was written\n"
@@ -133,7 +133,7 @@ def test_a_crash_leaves_nothing_behind(tmp_path: Path) -> None:
 
 
 def test_killed_for_want_of_memory(tmp_path: Path) -> None:
-    run = start(tmp_path, "sys.exit(supervised(inside(lambda: os.kill(os.getpid(), 9))))")
+    run = start(tmp_path, "sys.exit(run_supervised(inside(lambda: os.kill(os.getpid(), 9))))")
     code, _, told = finish(run)
     assert code == 128 + signal.SIGKILL
     assert told.startswith("killed (SIGKILL), perhaps because memory ran out")
@@ -141,7 +141,7 @@ def test_killed_for_want_of_memory(tmp_path: Path) -> None:
 
 
 def test_the_command_goes_with_the_process_above_it(tmp_path: Path) -> None:
-    run = start(tmp_path, "sys.exit(supervised(inside(deaf)))")
+    run = start(tmp_path, "sys.exit(run_supervised(inside(deaf)))")
     (child,) = Path(f"/proc/{run.pid}/task/{run.pid}/children").read_text().split()
     run.kill()
     run.communicate(timeout=60)
@@ -152,7 +152,9 @@ def test_the_command_goes_with_the_process_above_it(tmp_path: Path) -> None:
 
 
 def test_what_was_published_stays_and_the_exit_code_is_the_commands_own(tmp_path: Path) -> None:
-    run = start(tmp_path, "supervised(inside(lambda: None)); sys.exit(supervised(lambda: 5))")
+    run = start(
+        tmp_path, "run_supervised(inside(lambda: None)); sys.exit(run_supervised(lambda: 5))"
+    )
     assert finish(run)[0] == 5
     assert (tmp_path / "below" / "deeper" / "out" / "half").read_text() == "written"
 
@@ -163,14 +165,14 @@ def crash():
     Path("below/own").write_text("kept")
     os.abort()
 
-sys.exit(supervised(inside(crash)))
+sys.exit(run_supervised(inside(crash)))
 """
     finish(start(tmp_path, script))
     assert [str(p.relative_to(tmp_path)) for p in tmp_path.rglob("*")] == ["below", "below/own"]
 
 
 def test_an_ignored_ctrl_c_stays_ignored(tmp_path: Path) -> None:
-    script = "sys.exit(supervised(inside(lambda: time.sleep(1.0))))"
+    script = "sys.exit(run_supervised(inside(lambda: time.sleep(1.0))))"
     run = start(tmp_path, script, deaf_to=signal.SIGINT)
     run.send_signal(signal.SIGINT)
     assert finish(run)[0] == 0
@@ -196,7 +198,7 @@ def command():
     time.sleep(0.3)
     return 7
 
-sys.exit(supervised(command))
+sys.exit(run_supervised(command))
 """
     run = start(tmp_path, script)
     run.send_signal(signal.SIGTERM)
@@ -217,7 +219,7 @@ def swallow():
         pass
     raise RuntimeError("wrong number or type of arguments")
 
-sys.exit(supervised(lambda: app.run(["swallow"])))
+sys.exit(run_supervised(lambda: app.run(["swallow"])))
 """
     run = start(tmp_path, script)
     run.send_signal(signal.SIGINT)

@@ -54,8 +54,8 @@ def make(scene: Scene, plans: Path | None) -> Path:
         if plans is None:
             made = climbplan.plan(ROOT / "specs" / f"{scene.name}.yaml")
         else:
-            made = climbplan.read(plans / scene.name)
-        made.report(folder)
+            made = climbplan.load_plan(plans / scene.name)
+        made.write_report(folder)
         figures = Path(folder) / "figures"
         drawn = next(figures / f for f in FIGURES[scene.kind] if (figures / f).exists())
         return shrink(drawn, PICTURES / f"{scene.name}.png")

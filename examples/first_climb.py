@@ -21,7 +21,7 @@ SCENE = {
 def main() -> None:
     plan = climbplan.plan(SCENE)
     print(plan.verify().headline())
-    print(plan.report("outputs/first_climb"))
+    print(plan.write_report("outputs/first_climb"))
     print(plan.save("outputs/first_climb", force=True))
     plan.to_csv("outputs/first_climb/trajectory.csv")
 

@@ -20,7 +20,7 @@ def main() -> None:
     print(plan.contact.astype(int))  # (knots, legs): who stands when
     replayed = plan.simulate()
     print(replayed)
-    print("stands" if replayed.stands else f"falls after {replayed.fall_time} s")
+    print("stands" if replayed.passed else f"falls after {replayed.fall_time} s")
 
 
 if __name__ == "__main__":

@@ -44,9 +44,9 @@ def _plan_into(folder: Path, spec: str | Path, changes: dict[str, Any]) -> None:
     made = folder.with_name(f"{folder.name}.part")
     shutil.rmtree(made, ignore_errors=True)  # of a worker that was killed
     made.mkdir()
-    plan = climbplan.plan(climbplan.load(spec, set=changes))
+    plan = climbplan.plan(climbplan.load_spec(spec, overrides=changes))
     plan.save(made / "plan.h5")
-    plan.report(made)
+    plan.write_report(made)
     made.rename(folder)
 
 

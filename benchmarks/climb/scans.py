@@ -39,7 +39,7 @@ task:
   stance: {{RF: [0.25, {side}, -{up}], RM: [{middle}, 0, -{up}], RR: [0.25, -{side}, -{up}],
     LR: [-0.25, -{side}, -{up}], LM: [-{middle}, 0, -{up}], LF: [-0.25, {side}, -{up}]}}
 posture: {{steps: {{com_max: {step}}}}}
-trajectory: {{lift: 0.06}}
+trajectory: {{swing_clearance: 0.06}}
 margins: {{edge: {edge}}}
 solver: {{method: {method}, time_limit: {limit}}}
 """

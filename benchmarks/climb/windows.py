@@ -40,7 +40,7 @@ task:
     LR: [-0.3075, -0.5326, -0.12], LM: [-0.615, 0, -0.12], LF: [-0.3075, 0.5326, -0.12]}}
 solver: {{method: micp, time_limit: 1800, window: 2}}
 posture: {{steps: {{com_max: 0.08}}}}
-trajectory: {{lift: 0.03}}
+trajectory: {{swing_clearance: 0.03}}
 """
 """A climb up the tube, all in it but `goal`, the height [m] of the body at its end."""
 

@@ -39,7 +39,7 @@ def run_products(seed: int, quick: bool, stream: TextIO) -> None:
     )
     for name, make in PROBLEMS.items():
         problem, rng = make(), np.random.default_rng(seed)
-        thetas = [problem.drawn(rng) for _ in range(QUICK_COUNT if quick else COUNT)]
+        thetas = [problem.sample_parameters(rng) for _ in range(QUICK_COUNT if quick else COUNT)]
         for method in METHODS:  # loads and compiles where it has to
             solve_instance(problem, thetas[0], method, _SETTINGS)
         own: list[float | None] = []

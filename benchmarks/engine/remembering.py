@@ -99,7 +99,7 @@ def _cold(
     problem: Problem, after: Next, count: int, rng: np.random.Generator
 ) -> Iterator[tuple[Theta, SolverResult, float]]:
     """Parameters, the answer of a tree from its root, and its seconds; the first has an answer."""
-    theta: Theta = problem.drawn(rng)
+    theta: Theta = problem.sample_parameters(rng)
     solve_instance(problem, theta, "branch-and-bound", _SETTINGS)  # loads and compiles
     made = 0
     while made < count:
@@ -107,7 +107,7 @@ def _cold(
         found = solve_instance(problem, theta, "branch-and-bound", _SETTINGS).result
         spent = time.process_time() - begin
         if found.x is None:
-            theta = problem.drawn(rng)
+            theta = problem.sample_parameters(rng)
             continue
         yield theta, found, spent
         made += 1

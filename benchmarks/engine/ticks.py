@@ -55,12 +55,12 @@ def controlled(horizon: int, seed: int, seconds: float, work: int = WORK) -> Tic
     sequence = ProblemSequence(problem, settings)
     for shift in range(2):  # compiles where it has to
         sequence.solve({"start": plant.state, "walls": plant.walls}, shift)
-    sequence.forget()
+    sequence.reset()
     plan = np.zeros(0)
     for number in range(round(seconds / TICK)):
         theta = {"start": plant.state, "walls": plant.walls}
         begin = time.process_time()
-        found = sequence.solve(theta, shift=min(number, 1)).result
+        found = sequence.solve(theta, horizon_shift=min(number, 1)).result
         if found.x is not None:
             values = problem.values(found.x)
             plan = values["input"][:, 0]
@@ -83,7 +83,7 @@ def controlled(horizon: int, seed: int, seconds: float, work: int = WORK) -> Tic
         if plant.fallen:
             ticks.falls += 1
             plant.stand_up()
-            sequence.forget()
+            sequence.reset()
             plan = np.zeros(0)
     return ticks
 

@@ -54,7 +54,7 @@ def _jump(rng: np.random.Generator, seed: int) -> LoadedLimms:
         if all(np.linalg.norm(place - other) > _APART for other in stands):
             stands.append(place)
     modules = "".join(
-        f"\n  - {{name: {name}, stand: [{x:.4f}, {y:.4f}, {level}]}}"
+        f"\n  - {{name: {name}, position: [{x:.4f}, {y:.4f}, {level}]}}"
         for name, (x, y) in zip("ABCD", stands, strict=True)
     )
     text = f"""kind: limms

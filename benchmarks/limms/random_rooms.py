@@ -84,7 +84,7 @@ def _text(rng: np.random.Generator, seed: int) -> str:
     mass = float(np.exp(rng.uniform(*np.log(MASS))))
     count = int(rng.choice(MODULES))
     modules = "".join(
-        f"\n  - {{name: {name}, stand: {_row([*_place(rng, half, np.zeros(2)), 0.0])}}}"
+        f"\n  - {{name: {name}, position: {_row([*_place(rng, half, np.zeros(2)), 0.0])}}}"
         for name in "ABCD"[:count]
     )
     anchors = "".join(

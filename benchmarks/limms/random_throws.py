@@ -59,7 +59,7 @@ box:
   goal: {_row(goal)}
   arrival_speed: 1.5
 modules:
-  - {{name: A, stand: {_row([*stand, 0.0])}}}
+  - {{name: A, position: {_row([*stand, 0.0])}}}
 seed: {seed}
 """
     name = f"random_throw_{seed}"

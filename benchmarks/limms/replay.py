@@ -9,8 +9,8 @@ import numpy as np
 
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.simulation.study import describe_end, simulate_module_plan
-from climbplan.simulation.asked import SimulationRequest
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.request import SimulationRequest
 
 
 @dataclass(frozen=True)

@@ -202,7 +202,9 @@ def knots_of(walks: list[Walk]) -> Knots:
     """Knots 1 to N of walks, and the legs that stand at knots 1 to N - 1."""
     walked = [walk for _, walk in walks]
     stands = np.concatenate([x.gait.contact[1:-1].ravel() for x in walked])
-    spots = np.concatenate([transform_toes_to_body(x.state, x.toes)[1:-1].reshape(-1, 3) for x in walked])
+    spots = np.concatenate(
+        [transform_toes_to_body(x.state, x.toes)[1:-1].reshape(-1, 3) for x in walked]
+    )
     force = np.concatenate([x.force[1:-1].reshape(-1, 3) for x in walked])
     body = walks[0][0].body
     middle = np.concatenate([np.tile(body.toe_center[:, 0], len(x.force) - 2) for x in walked])

@@ -130,7 +130,9 @@ def _planned(
             made = OnlineController(task, library, settings, ranking)
         made.reset()
         before = start.toes  # nothing moved before
-        yield made.tick(RobotMeasurement(start.state, start.toes, before, np.ones(len(start.toes), bool)))
+        yield made.tick(
+            RobotMeasurement(start.state, start.toes, before, np.ones(len(start.toes), bool))
+        )
 
 
 def _row(
@@ -140,7 +142,8 @@ def _row(
     held = np.array([command.is_feasible for command in commands])
     found = np.array([np.isfinite(fresh.cost) for fresh in tasks])
     ratio = [
-        compute_objective(fresh.ahead, command.trajectory.state, command.trajectory.force) / fresh.cost
+        compute_objective(fresh.ahead, command.trajectory.state, command.trajectory.force)
+        / fresh.cost
         for fresh, command in zip(tasks, commands, strict=True)
         if command.is_feasible and np.isfinite(fresh.cost)
     ]

@@ -41,7 +41,7 @@ class PlanReport(Generic[Plan]):
     figures: Callable[[Plan], Mapping[str, Callable[[Plan], Figure]]]  # by file name
     page: Callable[[Plan, Mapping[str, Any], Mapping[str, bytes]], str]  # of values and PNG files
 
-    def report_dict(self, path: Path) -> dict[str, Any]:
+    def build_report(self, path: Path) -> dict[str, Any]:
         """Return the report of a plan file as JSON-ready values, the verification made anew.
 
         Raises PlanFileError for a damaged file.

@@ -208,7 +208,8 @@ def test_a_shelf_of_books_is_certified_end_to_end(tmp_path: Path) -> None:
     (tmp_path / "shelf.yaml").write_text(SHELF)
     (tmp_path / "books.yaml").write_text(BOOKS)
     (tmp_path / "shelf.py").write_text(
-        f"import climbplan\nproblem, _ = climbplan.stated({str(tmp_path / 'shelf.yaml')!r})\n"
+        "import climbplan\n"
+        f"problem, _ = climbplan.problem_from_spec({str(tmp_path / 'shelf.yaml')!r})\n"
     )
     proof, statement = str(tmp_path / "proof.h5"), f"{tmp_path / 'shelf.py'}:problem"
     result = runner.invoke(

@@ -89,7 +89,9 @@ def test_a_controller_with_other_gains_holds_the_climb(
     write_climb(rigid, tmp_path / "rigid.h5")
     own = robot.joint_stiffness[0, 0]
     assert (robot.joint_stiffness == own).all()
-    other = adapt_motion(climb_motion(tmp_path / "rigid.h5"), ControllerOptions(gains=str(float(own * factor))))
+    other = adapt_motion(
+        climb_motion(tmp_path / "rigid.h5"), ControllerOptions(gains=str(float(own * factor)))
+    )
 
     def departure(command: np.ndarray, gain: float) -> float:
         moving = replace(rigid.trajectory, joint_command=command.reshape(stiff.shape))
@@ -157,4 +159,7 @@ def test_gains_of_a_file(plans: dict[str, Path], tmp_path: Path, text: str, word
             adapt_motion(motion, ControllerOptions(gains=given))
     names = joints(motion).names
     path.write_text("".join(f"{name}: {30 + k}\n" for k, name in enumerate(names)))
-    assert joints(adapt_motion(motion, ControllerOptions(gains=str(path)))).gain[-1] == 30 + len(names) - 1
+    assert (
+        joints(adapt_motion(motion, ControllerOptions(gains=str(path)))).gain[-1]
+        == 30 + len(names) - 1
+    )

@@ -54,7 +54,7 @@ def rollout(program: Program, theta: dict[str, Array], gain: float = 1.0) -> Arr
 
 def solved(program: Program, theta: dict[str, Array]) -> tuple[Array, float] | None:
     """The best point found from contacts of several rollouts, one step longer and shorter."""
-    instance = program.at(theta)
+    instance = program.instantiate(theta)
     solver = SqpSolver(instance)
     touch = program.variables["touch"]
     best: tuple[Array, float] | None = None

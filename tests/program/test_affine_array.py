@@ -82,7 +82,7 @@ def stated(numeric: bool) -> Program:
 
 
 def test_a_program_is_the_same_either_way() -> None:
-    one, other = stated(False).at(), stated(True).at()
+    one, other = stated(False).instantiate(), stated(True).instantiate()
     for name in ("q", "lower", "upper", "row_lower", "row_upper"):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=1e-12)
     assert one.constant == pytest.approx(other.constant)

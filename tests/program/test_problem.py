@@ -127,7 +127,7 @@ def test_functions_that_go_wrong_are_named(
 ) -> None:
     problem = Problem("pond", program(), **{role: function})  # type: ignore[arg-type]
     use: dict[str, Callable[[], Any]] = {
-        "sample": lambda: problem.drawn(np.random.default_rng(0)),
+        "sample": lambda: problem.sample_parameters(np.random.default_rng(0)),
         "features": lambda: problem.feature_vector(THETA),
         "start": lambda: problem.start_point(THETA, np.zeros(3)),
     }
@@ -139,7 +139,7 @@ def test_functions_that_go_wrong_are_named(
 
 def test_no_sampler() -> None:
     with pytest.raises(StatementError, match="has no sampler"):
-        Problem("pond", program()).drawn(np.random.default_rng(0))
+        Problem("pond", program()).sample_parameters(np.random.default_rng(0))
 
 
 def test_a_form_that_no_method_holds() -> None:

@@ -41,16 +41,16 @@ def test_a_smooth_block_is_checked_by_its_name() -> None:
     (block,) = [b for b in report.blocks if b.name == "circle"]
     assert block.residual == pytest.approx(1.0)
     assert block.unit == "m"
-    assert program.at({"r": 4.0}).violation(np.array([3.0, 4.0])) == pytest.approx(1.0)
+    assert program.instantiate({"r": 4.0}).violation(np.array([3.0, 4.0])) == pytest.approx(1.0)
     assert program.counts()["smooth_rows"] == 1
-    assert program.at({"r": 4.0}).features == {"smooth"}
+    assert program.instantiate({"r": 4.0}).features == {"smooth"}
 
 
 def test_what_is_not_a_number_is_no_point() -> None:
     p = Program("logarithm")
     x = p.continuous("x", (1,), -1.0, 1.0)
     p.smooth("log", ca.log(x[0]), -10.0, 0.0)
-    assert p.at().violation(np.array([-0.5])) == np.inf
+    assert p.instantiate().violation(np.array([-0.5])) == np.inf
 
 
 @pytest.mark.parametrize("r", [0.5, 1.5])
@@ -97,7 +97,7 @@ def test_methods_that_cannot_hold_them_say_so() -> None:
     with pytest.raises(UsageError, match="holds no integers: use mpcc"):
         solve_instance(problem, {"r": 1.0}, "nlp")
     with pytest.raises(UsageError, match=r"cannot hold smooth .*mpcc"):
-        solve(circle().at({"r": 1.0}), "clarabel")
+        solve(circle().instantiate({"r": 1.0}), "clarabel")
     with pytest.raises(UsageError, match="cannot hold smooth rows; use ipopt"):
         solve_instance(
             Problem("circle", circle(binary=True), start=lambda _: {}),

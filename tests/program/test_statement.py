@@ -27,7 +27,7 @@ def small() -> Program:
 def test_instance_reproduces_the_statement() -> None:
     p = small()
     theta = {"goal": [0.3, -2.0]}
-    instance = p.at(theta)
+    instance = p.instantiate(theta)
     rng = np.random.default_rng(0)
     for _ in range(5):
         v = rng.normal(size=(2, 2))
@@ -45,11 +45,11 @@ def test_instance_reproduces_the_statement() -> None:
 
 def test_parameters_update_numbers_only() -> None:
     p = small()
-    first, second = p.at({"goal": [0, 0]}), p.at({"goal": [1, 0]})
+    first, second = p.instantiate({"goal": [0, 0]}), p.instantiate({"goal": [1, 0]})
     assert (first.A != second.A).nnz == 0
     np.testing.assert_allclose(second.row_lower - first.row_lower, [1, 0])
     compiled = p._compiled
-    p.at({"goal": [2, 2]})
+    p.instantiate({"goal": [2, 2]})
     assert p._compiled is compiled
 
 
@@ -91,26 +91,26 @@ def test_mistakes_in_statements_are_refused() -> None:
         p.continuous("x", (2,))
     p.ball("product", np.array([x[0] * x[1], x[0]], dtype=object), 1.0)
     with pytest.raises(ValueError, match="not affine"):
-        p.at()
+        p.instantiate()
     triple = Program("triple")
     t = triple.continuous("t", (3,))
     triple.between("product", np.array([t[0] * t[1] * t[2]], dtype=object), 0, 1)
     with pytest.raises(ValueError, match="not affine or bilinear"):
-        triple.at()
+        triple.instantiate()
     loose = Program("loose")
     u = loose.continuous("u", (1,))
     loose.when("if", u[0], u, upper=1.0)
     with pytest.raises(ValueError, match="one stated binary"):
-        loose.at()
+        loose.instantiate()
     q = Program("cubic")
     y = q.continuous("y", (1,))
     q.minimise("cube", y[0] ** 3)
     with pytest.raises(ValueError, match="not quadratic"):
-        q.at()
+        q.instantiate()
     with pytest.raises(ValueError, match="parameters"):
-        small().at({"gaol": [0, 0]})
+        small().instantiate({"gaol": [0, 0]})
     with pytest.raises(ValueError, match="shape"):
-        small().at({"goal": [0, 0, 0]})
+        small().instantiate({"goal": [0, 0, 0]})
 
 
 def bilinear() -> Program:
@@ -135,14 +135,14 @@ def test_products_are_found_and_shared() -> None:
     assert counts["binary"] == 2
     assert counts["continuous"] == 2
     assert counts["implications"] == 3
-    instance = p.at({"theta": [0.5]})
+    instance = p.instantiate({"theta": [0.5]})
     assert instance.features == {"integers", "implications", "products"}
     x = p.point({"x": [0.7, -1.2], "state": [0, 1]})
     row = instance.A @ x + instance.Q @ instance.products.values(x)
     assert row[0] == instance.row_lower[0] == 1.0  # the sum of the states
     expected = 0.7 * -1.2 + 0.5 * 1.44 - 1 + 2.1
     np.testing.assert_allclose(row[1] - instance.row_lower[1], expected)
-    other = p.at({"theta": [2.0]})
+    other = p.instantiate({"theta": [2.0]})
     assert (other.A != instance.A).nnz == 0
     assert (other.Q != instance.Q).nnz == 1
 
@@ -167,7 +167,7 @@ def test_implications_hold_only_for_their_value() -> None:
     half = residuals([0.1, -0.5], [0.4, 0.6])
     assert half["integrality.state"] == pytest.approx(0.4)
     x = p.point({"x": [0.1, -0.5], "state": [0.4, 0.6]})
-    assert p.at(theta).violation(x) == pytest.approx(max(half.values()))
+    assert p.instantiate(theta).violation(x) == pytest.approx(max(half.values()))
 
 
 def test_scalar_expressions_are_blocks_of_one() -> None:
@@ -194,7 +194,7 @@ def test_an_element_times_an_array_is_an_array_of_scalars() -> None:
     p.equal("on_line", x - y[0] * slope)
     p.equal("all_on_line", z - (2 * y[0] - 1) * slope)
     p.equal("from_list", x + [1.0, 3.0] * y[0] / 2)
-    instance = p.at()
+    instance = p.instantiate()
     values = p.point({"x": [3.0, 4.0], "y": [2.0], "z": [[0, 0], [1, 0], [0, 1]]})
     residual = instance.A @ values - instance.row_lower
     expected = [[1.0, 3.0], [-3, -1.5], [-2, -1.5], [-3, -0.5], [4.0, 7.0]]
@@ -217,7 +217,7 @@ def test_matrices_of_casadi_are_read_as_arrays() -> None:
     x = p.continuous("x", (2, 3))
     p.between("column", ca.vertcat(x[0, 0], 2 * x[1, 0]), 0.0, [1.0, 2.0])
     p.between("matrix", ca.SX(np.eye(2, 3)) * 3 + x[0, 1], upper=0.0)
-    instance = p.at()
+    instance = p.instantiate()
     column, matrix = instance.A[:2].toarray(), instance.A[2:].toarray()
     np.testing.assert_array_equal(column, [[1, 0, 0, 0, 0, 0], [0, 0, 0, 2, 0, 0]])
     np.testing.assert_array_equal(matrix, np.tile([0, 1, 0, 0, 0, 0], (6, 1)))
@@ -252,4 +252,4 @@ def test_a_vector_is_no_cost() -> None:
         p.minimise("size", x**2)
     p.minimise("one", x[:1])
     p.minimise("size", x @ x)
-    assert p.at().objective(np.array([2.0, 1.0])) == 7.0
+    assert p.instantiate().objective(np.array([2.0, 1.0])) == 7.0

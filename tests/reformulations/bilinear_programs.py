@@ -52,7 +52,7 @@ def disjunctive(seed: int, n: int = 4) -> Instance:
     p.one_of("place", np.stack([x[:2], x[2:4]]), [[triangle, square], [half, line, square]])
     p.minimise("distance", np.sum((x - rng.uniform(-BOUND, BOUND, n)) ** 2))
     p.minimise("binaries", z @ rng.uniform(-0.5, 0.5, 3))
-    return p.at()
+    return p.instantiate()
 
 
 def bilinear(seed: int) -> Instance:
@@ -68,7 +68,7 @@ def bilinear(seed: int) -> Instance:
     p.when("other", z[1], x[:1] - 0.5 * x[2:], upper=-0.1)
     p.between("some", np.sum(z, keepdims=True), 1.0, 2.0)
     p.minimise("distance", np.sum((x - rng.uniform(-1, 2, 3)) ** 2) + 0.3 * z[0] + 0.2 * z[1])
-    return p.at()
+    return p.instantiate()
 
 
 def enumerated(instance: Instance) -> Optimum:

@@ -33,7 +33,7 @@ def test_envelopes_contain_the_products() -> None:
 
 @pytest.mark.parametrize("norm", ["l1", "l2"])
 def test_consensus_terms(norm: str) -> None:
-    instance = cart_pole(0.1).at(random_theta(np.random.default_rng(0)))
+    instance = cart_pole(0.1).instantiate(random_theta(np.random.default_rng(0)))
     split = AdmmSplit().apply(instance)
     rng = np.random.default_rng(2)
     n = instance.size

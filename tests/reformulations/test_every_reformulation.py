@@ -20,7 +20,7 @@ from climbplan.reformulations.mccormick import McCormick
 from climbplan.reformulations.pinned import Pinned
 from climbplan.reformulations.slack_relaxation import SlackRelaxation
 
-SMALL = small_program(True).at(random_numbers(np.random.default_rng(0)))
+SMALL = small_program(True).instantiate(random_numbers(np.random.default_rng(0)))
 ALL: dict[str, Reformulation[Any]] = {
     "big-m": BigM(),
     "hull": ConvexHull(),
@@ -41,7 +41,7 @@ def unbounded() -> Instance:
     on = p.binary("on", ())
     p.when("switched", on, x[0], upper=0.0)
     p.between("product", [x[0] * x[1]], -1.0, 1.0)
-    return p.at()
+    return p.instantiate()
 
 
 def subclasses(kind: type) -> set[type]:

@@ -48,7 +48,7 @@ def test_products_with_a_pinned_factor_become_linear() -> None:
     x = p.continuous("x", (2,), -1.0, 1.0)
     z = p.binary("z", (1,))
     p.between("rows", x[:1] * z + 2 * z * z + x[:1] * x[1:] - x[1:], -1.0, 1.0)
-    instance = p.at()
+    instance = p.instantiate()
     for bit in (0.0, 1.0):
         at = np.array([0.3, -0.4, bit])
         pinned = PinnedForm.of(instance).at(at)

@@ -15,7 +15,7 @@ from headless_chromium import Browser, chromium_path
 from matplotlib.image import imread
 
 from climbplan.bookshelf.pages.figures import UNITS, rank_costliest
-from climbplan.bookshelf.pages.report import list_figures, report_dict, write_report
+from climbplan.bookshelf.pages.report import build_report, list_figures, write_report
 from climbplan.bookshelf.plan.file import write_shelf_plan
 from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, compute_totals
 from climbplan.bookshelf.planner.runs import run_shelf
@@ -75,7 +75,7 @@ def test_files(name: str, request: pytest.FixtureRequest, tmp_path: Path) -> Non
     write_shelf_plan(plan, path)
     write_report(path, tmp_path)
     report = json.loads((tmp_path / "report.json").read_text())
-    assert report == report_dict(path)
+    assert report == build_report(path)
     for figure in report["figures"]:
         assert (tmp_path / figure).read_bytes().startswith(b"\x89PNG")
     page = (tmp_path / "report.html").read_text()
@@ -89,7 +89,7 @@ def test_files(name: str, request: pytest.FixtureRequest, tmp_path: Path) -> Non
 
 def test_numbers_of_one_scene(one: ShelfPlan, tmp_path: Path) -> None:
     write_shelf_plan(one, tmp_path / "plan.h5")
-    report = report_dict(tmp_path / "plan.h5")
+    report = build_report(tmp_path / "plan.h5")
     assert report["objective"] == one.solutions.objective[0]
     books = report["books"]
     assert isinstance(books, list)
@@ -100,7 +100,7 @@ def test_numbers_of_one_scene(one: ShelfPlan, tmp_path: Path) -> None:
 
 def test_numbers_of_many_scenes(many: ShelfPlan, tmp_path: Path) -> None:
     write_shelf_plan(many, tmp_path / "plan.h5")
-    report = report_dict(tmp_path / "plan.h5")
+    report = build_report(tmp_path / "plan.h5")
     cost = many.solutions.objective[many.solutions.placed]
     assert report["scenes"] == {
         "total": 40,

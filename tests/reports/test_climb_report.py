@@ -15,7 +15,7 @@ import yaml
 
 from climbplan.climb.check.verification import verify
 from climbplan.climb.pages.figures import UNITS, compute_key_figures
-from climbplan.climb.pages.report import report_dict, write_report
+from climbplan.climb.pages.report import build_report, write_report
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.climb.plan.file import write_climb
 from climbplan.errors import PlanFileError, UsageError
@@ -77,7 +77,7 @@ def test_root_attributes_are_repeated(written: tuple[ClimbPlan, Path]) -> None:
 
 def test_verification_is_made_anew(written: tuple[ClimbPlan, Path]) -> None:
     plan, directory = written
-    report = report_dict(directory / "plan.h5")
+    report = build_report(directory / "plan.h5")
     made = verify(directory / "plan.h5")
     assert report["verification"] == [check.as_dict() for check in made.checks]
     for row in made.checks:

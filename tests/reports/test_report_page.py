@@ -14,7 +14,7 @@ import pytest
 from headless_chromium import Browser, chromium_path
 
 from climbplan.climb.pages.page import build_page
-from climbplan.climb.pages.report import report_dict
+from climbplan.climb.pages.report import build_report
 from climbplan.climb.plan.climb_plan import ClimbPlan, Study
 from climbplan.climb.plan.file import write_climb
 
@@ -79,7 +79,7 @@ def pages(make_plan: MakePlan, tmp_path_factory: pytest.TempPathFactory) -> dict
     for name, plan in plans.items():
         directory = tmp_path_factory.mktemp(name)
         write_climb(plan, directory / "plan.h5")
-        report = report_dict(directory / "plan.h5")
+        report = build_report(directory / "plan.h5")
         found[name] = directory / "report.html"
         found[name].write_text(build_page(plan, report, {"Postures": DOT}), encoding="utf-8")
     return found

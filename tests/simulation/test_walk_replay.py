@@ -113,7 +113,7 @@ def test_same_seed_same_runs_and_what_is_told(mean: WalkPlan) -> None:
     assert told.report["runs"] == build_report(again).report["runs"]
     assert told.report["without_feedback"]["path"]["most"] > 0
     assert set(told.figures) == {"path", "forces"}
-    assert told.table.count("\n") == 1 + int(first.compared.loaded.sum())
+    assert told.table.count("\n") == 1 + int(first.comparison.loaded.sum())
 
 
 def test_what_a_body_without_joints_does_not_have(mean: WalkPlan) -> None:

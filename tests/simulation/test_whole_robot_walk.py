@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from walking_urdf import planned_walk
 
-from climbplan.cli.simulate import parsed_push
+from climbplan.cli.simulate import parse_push
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.simulation.conditions import NOMINAL, Conditions
@@ -51,7 +51,7 @@ def test_the_model_moves_as_the_urdf_does(plan: WalkPlan) -> None:
     model.opt.disableflags |= int(mujoco.mjtDisableBit.mjDSBL_CONSTRAINT)
     model.dof_armature[:], model.dof_damping[:], model.dof_frictionloss[:] = 0.0, 0.0, 0.0
     assert model.body_mass.sum() == pytest.approx(robot.mass, rel=1e-9)
-    data, found = mujoco.MjData(model), robot.found
+    data, found = mujoco.MjData(model), robot.urdf_model
     pin, other = found.library, found.model.createData()
     turn = TO_WALKING @ found.root_to_base_rotation
     rng = np.random.default_rng(1)
@@ -199,5 +199,5 @@ def test_a_rigid_body_has_no_links(tmp_path: Path, plan: WalkPlan) -> None:
 @pytest.mark.parametrize("text", ["1.0", "1.0:0,1", "x:0,0,1", "1:0,0,nan"])
 def test_pushes_that_are_none_are_told(text: str) -> None:
     with pytest.raises(UsageError, match="expected TIME:VX,VY,VZ"):
-        parsed_push(text)
-    assert parsed_push("1.5:0,-0.5,0") == (1.5, (0.0, -0.5, 0.0))
+        parse_push(text)
+    assert parse_push("1.5:0,-0.5,0") == (1.5, (0.0, -0.5, 0.0))

@@ -152,7 +152,7 @@ def tiny_instance(seed: int) -> Instance:
     p.minimise("squares", np.sum((G @ x - rng.normal(size=len(G))) ** 2))
     if rng.random() < 0.3:
         p.minimise("slope", np.sum(rng.normal(size=n) * x))
-    return p.at()
+    return p.instantiate()
 
 
 def _alternative(rng: np.random.Generator, d: int, plane: Array) -> Polytope:

@@ -30,7 +30,7 @@ def switched(bilinear: bool, choice: bool = False) -> Instance:
         high = Polytope.halfspaces("high", np.array([[-1.0]]), np.array([-0.7]))
         p.one_of("side", x[1:], [[low, high]])
     p.minimise("cost", np.sum(x**2) + 0.1 * x[0])
-    return p.at()
+    return p.instantiate()
 
 
 def optimum(path: Path) -> float:
@@ -74,6 +74,6 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
     p.when("up", z, x, lower=1.0)
     p.minimise("cost", x[0] ** 2)
     with pytest.raises(UsageError, match="not bounded"):
-        save_model(p.at(), tmp_path / "model.nl")
+        save_model(p.instantiate(), tmp_path / "model.nl")
     with pytest.raises(UsageError, match="unknown suffix"):
-        save_model(p.at(), tmp_path / "model.txt")
+        save_model(p.instantiate(), tmp_path / "model.txt")

@@ -26,7 +26,7 @@ def scene(seed: int) -> Instance:
         reach=rng.uniform(0.7, 1.0),
         blocked=seed % 3 == 0,
         goal_tolerance=0.15 if short else None,
-    ).at()
+    ).instantiate()
 
 
 @pytest.mark.parametrize("seed", range(SCENES))
@@ -52,7 +52,9 @@ def test_some_scenes_are_infeasible_and_most_are_not() -> None:
 
 
 def test_scip_keeps_its_incumbent_at_the_limit_or_says_limit() -> None:
-    instance = stepping_scene(25, rounds=4, limbs=3, step=0.42, reach=0.8, blocked=True).at()
+    instance = stepping_scene(
+        25, rounds=4, limbs=3, step=0.42, reach=0.8, blocked=True
+    ).instantiate()
     result = solve(instance, "scip", gap=1e-6, time_limit=0.5)
     assert result.status in ("feasible", "limit", "optimal")
     best = solve(instance, "branch-and-bound").objective

@@ -13,7 +13,12 @@ from example_climb import Climb
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from climbplan.climb.check.convex import ConvexBody, measure_chain_separation, bound_hull_distance, build_hull
+from climbplan.climb.check.convex import (
+    ConvexBody,
+    bound_hull_distance,
+    build_hull,
+    measure_chain_separation,
+)
 from climbplan.climb.check.distances import find_body_edges, measure_chain_distance
 from climbplan.climb.check.subject import build_subject
 from climbplan.climb.check.verification import verify
@@ -64,7 +69,9 @@ def test_bounds_settle_whether_there_is_enough_room(seed: int, enough: float) ->
 
 
 def test_a_point_is_a_segment_and_nan_stays() -> None:
-    solid = build_hull("cube", np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)]))
+    solid = build_hull(
+        "cube", np.array([[i, j, k] for i in (0, 1) for j in (0, 1) for k in (0, 1)])
+    )
     assert len(find_body_edges(solid)) == 12
     corner = np.array([1.3, 1.4, 1.0])
     chain = np.stack([corner, corner])

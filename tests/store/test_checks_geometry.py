@@ -9,13 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from climbplan.climb.check.anew.kinematics import compute_body_axes, build_limbs, transform_to_world, solve_standing_limbs
+from climbplan.climb.check.anew.kinematics import (
+    build_limbs,
+    compute_body_axes,
+    solve_standing_limbs,
+    transform_to_world,
+)
 from climbplan.climb.check.convex import (
     ConvexBody,
-    measure_body_clearance,
-    measure_chain_separation,
     bound_hull_distance,
     build_hull,
+    measure_body_clearance,
+    measure_chain_separation,
 )
 from climbplan.robots.kinematics import jacobian_world, joint_points_body, toe_world
 from climbplan.robots.rotations import rotation_world_body
@@ -129,7 +134,10 @@ def test_body_clearance_bounds_the_distance_and_settles_the_question(seed: int) 
     axes = compute_body_axes(share * draw.uniform(-1, 1, 3))
     clear = measure_body_clearance(com, axes, body, solid, asked)
     exact = np.array(
-        [bound_hull_distance(hull, solid.corners) for hull in transform_to_world(com, axes, body.corners)]
+        [
+            bound_hull_distance(hull, solid.corners)
+            for hull in transform_to_world(com, axes, body.corners)
+        ]
     )
     assert (clear <= exact + 1e-9).all()
     assert ((clear >= asked) == (exact >= asked)).all()

@@ -126,9 +126,9 @@ def test_a_file_as_large_as_allowed(tmp_path: Path) -> None:
         "from pathlib import Path\n"
         "from climbplan.cli.output_directory import OutputDirectory\n"
         "from climbplan.store.hdf5_layout import Layout\n"
-        "from climbplan.store.hdf5_writing import new_store, write_dataset\n"
+        "from climbplan.store.hdf5_writing import create_store, write_dataset\n"
         "with OutputDirectory(Path('out')) as directory:\n"
-        "    with new_store(directory.path / 'plan.h5') as file:\n"
+        "    with create_store(directory.path / 'plan.h5') as file:\n"
         "        write_dataset(file, 'a', np.arange(1e5), Layout(('n',)))\n"
     )
     done = subprocess.run(

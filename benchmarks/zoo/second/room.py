@@ -68,7 +68,7 @@ def roomiest(subject: Subject, surfaces: tuple[Surface, ...], seed: int, count: 
         near = min(near, stance.missed)
         if stance.missed > 0 or stance.beyond > 0:
             return
-        if parts is not None and parts.touching(stance.angles):
+        if parts is not None and parts.find_collisions(stance.angles):
             return
         whole += 1
         worth = _worth(limbs, stance)
@@ -76,7 +76,7 @@ def roomiest(subject: Subject, surfaces: tuple[Surface, ...], seed: int, count: 
             best = worth, stance
 
     if not any(subject.on_walls):
-        tried(onto(limbs, surfaces, limbs.found.turn, subject.standing))
+        tried(onto(limbs, surfaces, limbs.found.root_to_base_rotation, subject.standing))
     while whole < count and total < _MOST * count:
         tried(onto(limbs, surfaces, *anywhere(limbs, rng, subject.attitudes)))
     for spread in np.geomspace(*_SPREADS, int(_ABOUT * count)):
@@ -102,7 +102,7 @@ def _worth(limbs: Limbs, stance: Stance) -> _Worth:
     q = limbs.placed(stance.turn, stance.angles)
     toes = np.array([limbs.toe(limb)[0] for limb in range(len(limbs.names))])
     center = np.array(limbs.found.library.centerOfMass(limbs.model, limbs.data, q))
-    weight = 9.81 * limbs.found.mass()
+    weight = 9.81 * limbs.found.compute_mass()
     part = parts_of_weight(toes - center) * weight
     if (part <= 0).any():
         return _Worth(0.0, "the centre of mass is not between front and rear toes")

@@ -31,7 +31,9 @@ def unproposed(urdf: Path, column: str, words: str, seed: int, count: int = COUN
 
 def _standing(urdf: Path, column: str, seed: int, count: int) -> Look:
     """A robot with legs and toes but no posture: on all its limbs, and with its hands on walls."""
-    subject = subject_of_robot(prepare_detected_legs(detect_legs(urdf)).draft.load_robot(meshes=True))
+    subject = subject_of_robot(
+        prepare_detected_legs(detect_legs(urdf)).draft.load_robot(meshes=True)
+    )
     ways = [replace(subject, on_walls=(False,) * len(subject.on_walls))]
     if column in ("ground", "stairs") and any(subject.on_walls):
         ways.append(subject)

@@ -33,7 +33,7 @@ def build_page(_: ShelfPlan, report: Mapping[str, Any], images: Mapping[str, byt
     """Build the page as text.
 
     Args:
-        report: the mapping of `report_dict`.
+        report: the mapping of `build_report`.
         images: PNG files by name.
     """
     table = _build_book_table(report) if "books" in report else _build_scene_table(report)

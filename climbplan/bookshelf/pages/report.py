@@ -60,6 +60,6 @@ def _build_values(plan: ShelfPlan, verification: Verification) -> dict[str, Any]
 
 
 _REPORT = PlanReport(read_shelf_plan, verify, _build_values, list_figures, build_page)
-report_dict = _REPORT.report_dict
+build_report = _REPORT.build_report
 write_report = _REPORT.write_report
 write_values = _REPORT.write_values

@@ -66,8 +66,10 @@ def work(joints: int = 3) -> Workspace:
 def held(place: Array, soft: float, start: Array) -> tuple[Array, Array]:
     """Force and slope of a toe at a place."""
     springs = JointSprings(
-        command=COMMAND[None].copy(), gravity_torque=np.zeros((1, 3)), stiffness=np.full((1, 3), STIFF),
-        half_backlash=np.zeros((1, 3)), backlash_stiffness=np.full((1, 3), STIFF), jacobian_volume=np.zeros(1),
+        command=COMMAND[None].copy(), gravity_torque=np.zeros((1, 3)),
+        stiffness=np.full((1, 3), STIFF),
+        half_backlash=np.zeros((1, 3)), backlash_stiffness=np.full((1, 3), STIFF),
+        jacobian_volume=np.zeros(1),
         toe_compliance=np.array([soft]),
     )  # fmt: skip
     force, slope, angles = np.zeros(3), np.zeros((3, 3)), start.copy()
@@ -125,7 +127,8 @@ def long_springs(soft: float = 0.0) -> JointSprings:
     weight = np.array([[0.0, 0.4, 0.1, 0.2, 0.0]])
     return JointSprings(
         command=command, gravity_torque=weight, stiffness=np.full(shape, STIFF),
-        half_backlash=np.full(shape, 0.002), backlash_stiffness=np.full(shape, 0.2 * STIFF), jacobian_volume=np.zeros(1),
+        half_backlash=np.full(shape, 0.002), backlash_stiffness=np.full(shape, 0.2 * STIFF),
+        jacobian_volume=np.zeros(1),
         toe_compliance=np.array([soft]),
     )  # fmt: skip
 

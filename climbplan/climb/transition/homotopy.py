@@ -42,7 +42,7 @@ _MAX_HOMOTOPIES = 60  # homotopies of one start
 _MAX_DRAWS = 50  # of rounds for limbs, until they differ from earlier ones
 _INITIAL_PRESSURE = 0.3  # initial pressure by the weight
 
-Carry = Callable[[SearchTables, Sequence], str]
+VerifySequence = Callable[[SearchTables, Sequence], str]
 
 
 @dataclass(frozen=True)
@@ -53,12 +53,12 @@ class StartResult:
     reason: str  # why there is no motion, empty if there is one
     num_homotopies: int  # homotopies, the first from the random start itself
     num_complementary: int  # of them ended with all pairs complementing each other
-    seconds: float  # with what `carry` took
+    seconds: float  # including the verification
     iterations: int  # of IPOPT
 
 
 def run_from_start(
-    scene: TransitionScene, seed: int, try_sequence: Carry, deadline: float = np.inf
+    scene: TransitionScene, seed: int, try_sequence: VerifySequence, deadline: float = np.inf
 ) -> StartResult:
     """Run homotopies from a random start until one leads to a motion.
 

@@ -95,7 +95,7 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
 
     Raises:
         Unresolved: No sequence exists on the poses searched; the message names slipping contacts.
-        LimitReached: None of the sequences or starts led to a plan in time.
+        LimitReached: The time limit was reached before any sequence was found.
     """
     clock = StageClock(report or (lambda stage, fraction: None))
     begin = time.monotonic()

@@ -45,7 +45,7 @@ def find_cheapest_path(
     """Find the cheapest path of states and that of largest S_tau; None if steps are too long.
 
     uses: torque use (B,) of each round by pose. step_cost: (B, B) between poses, infinite where a
-    step is too long. first: (B,) cost of shifting the body there before the first lift, likewise;
+    step is too long. first_cost: (B,) cost of shifting the body before the first lift, likewise;
     the step of the first round counts from the start.
     """
     weights = tables.scene.spec.posture.weights

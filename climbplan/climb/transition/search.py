@@ -92,9 +92,10 @@ class SequenceSearch:
         )
 
     def list_sequences(self) -> list[Sequence]:
-        """List all sequences of the spec's rounds, best first by the spec's ranking.
+        """List sequences of the spec's rounds, best first by the spec's ranking.
 
-        Of sequences that move the same limbs in the same rounds only the cheapest is listed. A time
+        At most twenty times `search.max_sequences` paths are looked at. Of sequences that move the
+        same limbs in the same rounds only the cheapest is listed. A time
         limit after the first sequence truncates the list.
 
         Raises:
@@ -187,7 +188,7 @@ class SequenceSearch:
         task, names = self.scene.spec.task, self.scene.robot.limb_names
         waiting = [i for i in range(len(state)) if state[i] != GOAL]
         if task.limbs:
-            limbs = tuple(names.index(format_name) for format_name in task.limbs[number])
+            limbs = tuple(names.index(name) for name in task.limbs[number])
             if all(i in waiting for i in limbs):
                 yield limbs
             return

@@ -236,9 +236,9 @@ class Attempt:
 def plan_and_verify_sequence(run: PlanningRun, tables: SearchTables, sequence: Sequence) -> Attempt:
     """Plan a motion of a sequence that passes its verification, with escalating safety factors.
 
-    The motion program models neither buckling nor links that hit a box. If forces, trajectory or
-    verification fail, a larger S_tau is required, unless the motion has it already. All margins are
-    required first, and a smaller fraction of them if there is no motion.
+    The motion program models no buckling, and links that hit a box only with separating planes. If
+    forces, trajectory or verification fail, a larger S_tau is required, unless the motion has it
+    already. All margins are required first, and a smaller fraction of them if there is no motion.
     """
     planner = _SequencePlanner(run, tables, sequence)
     min_safety_torque = run.scene.spec.force.safety_torque

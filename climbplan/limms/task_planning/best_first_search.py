@@ -41,7 +41,10 @@ _DETOUR_COST = 0.7  # cost of each subtask beyond the fewest
 def list_task_plans(
     partial_plan: PartialPlan, single_actions: Sequence[Action]
 ) -> Iterator[TaskPlan]:
-    """Yield all task plans to the goal of the scene, cheapest first.
+    """Yield task plans to the goal of the scene, cheapest first.
+
+    The branching is capped: of each state the three best successors by each heuristic are kept, and
+    of plans that visit the same states only the first.
 
     Args:
         partial_plan: Where box and modules are; its scene has one box to deliver.
@@ -80,7 +83,7 @@ class _BestFirstSearch:
     def __init__(self, space: StateSpace, min_subtasks: int) -> None:
         self.space, self.min_subtasks = space, min_subtasks
         self.cost_to_go = [box.cost_to_go for box in space.boxes]
-        self.lower_bound = sum(
+        self.fewest_simple_subtasks = sum(
             next(
                 int(heuristic[index])
                 for heuristic in box.heuristics
@@ -88,10 +91,10 @@ class _BestFirstSearch:
             )
             for box, index in zip(space.boxes, space.initial.place_indices, strict=True)
         )
-        self.max_subtasks = max(self.lower_bound, min_subtasks - 1) + len(space.boxes)
+        self.max_subtasks = max(self.fewest_simple_subtasks, min_subtasks - 1) + len(space.boxes)
 
     def enumerate_plans(self) -> Iterator[TaskPlan]:
-        """Yield all task plans, cheapest first, with at most a few similar ones."""
+        """Yield task plans, cheapest first, with at most a few similar ones."""
         tie_breaker = count()
         queue: list[tuple[float, int, State, TaskPlan | None]] = [
             (0.0, next(tie_breaker), self.space.initial, None)
@@ -144,9 +147,11 @@ class _BestFirstSearch:
         return total
 
     def _expand(self, state: State, task_plan: TaskPlan | None) -> Iterator[tuple[State, TaskPlan]]:
-        """Yield all successor states of one more subtask, with the extended task plans."""
+        """Yield the best successor states of one more subtask, with the extended task plans."""
         subtasks = () if task_plan is None else task_plan.subtasks
-        detour_before = max(len(subtasks) + self._estimate_cost_to_go(state) - self.lower_bound, 0)
+        detour_before = max(
+            len(subtasks) + self._estimate_cost_to_go(state) - self.fewest_simple_subtasks, 0
+        )
         for box in range(state.delivered, len(state.place_indices)):
             places, index = self.space.boxes[box].places, state.place_indices[box]
             for relaxed in self.space.find_actions(box, state):
@@ -176,7 +181,10 @@ class _BestFirstSearch:
                         + _LATCH_CHANGE_COST * effect.num_moves
                     )
                     detour = max(
-                        len(subtasks) + 1 + self._estimate_cost_to_go(successor) - self.lower_bound,
+                        len(subtasks)
+                        + 1
+                        + self._estimate_cost_to_go(successor)
+                        - self.fewest_simple_subtasks,
                         0,
                     )
                     tie_break += _DETOUR_COST * (detour - detour_before) + (

@@ -27,8 +27,8 @@ from climbplan.limms.scene.corridor import decompose_relaxed_free_space, find_co
 from climbplan.limms.scene.limms_scene import Scene
 
 BEHAVIOURS = (
-    "looked at are arms in chains of up to two, throws, relatching and quadrupeds, in courses of "
-    "several legs, with a box that stays upright"
+    "looked at are arms in chains of up to two, throws, relatching and quadrupeds, in plans of "
+    "several subtasks, with a box that stays upright"
 )
 
 

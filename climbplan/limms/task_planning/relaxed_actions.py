@@ -1,7 +1,8 @@
 """Relaxed actions: between which places each action may bring the box, by necessary conditions.
 
-These relations replace the preconditions and effects of an action in the task search, so that no
-feasible move is lost. An arm holds the box where inverse kinematics is feasible within joint ranges
+These relations replace the preconditions and effects of an action in the task search. They are
+necessary conditions, but for two caps: chains are cut to a dozen sets, and throws end at most 0.3 m
+beyond reach. An arm holds the box where inverse kinematics is feasible within joint ranges
 and free of collision. A throw starts at such a place and ends at the goal. A module relatches where
 it reaches the box first, and from over the box its anchor. Chains must reach the box when stretched
 out and bear its load. Legs walk from ground to ground.

@@ -75,7 +75,7 @@ class ContactRows(RotationRows):
     def add_toe_height(
         self, pieces: tuple[ArmPiece, ...], contact: LinExpr, level: Array
     ) -> LinExpr:
-        """Add the height of a toe: that of its region, or lifted above the lowest or highest."""
+        """Add the height of a toe: that of its region, or one between lowest and highest lift."""
         model, clearance = self.model, self.task.swing_clearance
         height = sum_expressions(q.indicator * float(level[q.region]) for q in pieces)
         low, high = float(level.min() + clearance), float(level.max() + clearance)

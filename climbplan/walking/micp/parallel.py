@@ -1,8 +1,8 @@
 """Parallel branch and bound: several processes take nodes of all leaves, lowest bound first.
 
 The supervisor owns the queue of open nodes. A worker gets a node with the incumbent at that time,
-and returns its children, its bound and its incumbent. A step on a node is limited by work, not by
-the clock, so that results do not depend on the load of the machine.
+and returns its children, its bound and its incumbent. A step on a node is limited by work; the
+time limit of the run ends it as well.
 """
 
 from __future__ import annotations

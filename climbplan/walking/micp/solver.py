@@ -77,9 +77,9 @@ def _describe(
     limits = run.limits
     width = np.rad2deg(limits.angles).round(3)
     source = f"what {num_motions} searches found" if has_others else "the start's attitude"
-    tubes = f"{len(run.bounds)} tubes; " if len(run.bounds) > 1 else ""
+    boxes = f"{len(run.bounds)} attitude boxes; " if len(run.bounds) > 1 else ""
     return (
         f"bound of motions within {width[0]:g}, {width[1]:g}, {width[2]:g} degrees and "
         f"{limits.spin[0]:g}, {limits.spin[1]:g}, {limits.spin[2]:g} rad/s of {source} "
-        f"or the reference; {tubes}{run.message}"
+        f"or the reference; {boxes}{run.message}"
     )

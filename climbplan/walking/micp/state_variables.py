@@ -229,7 +229,7 @@ class StateVariables:
         return rotation.arm_low[leg], rotation.arm_high[leg]
 
     def find_body_height_range(self, n: int) -> tuple[float, float]:
-        """Return least and largest height of the body above a toe in its box."""
+        """Return the range of body heights at which all toes are in their boxes."""
         rotation = self.rotations[n]
         return float((-rotation.arm_high[:, 2]).max()), float((-rotation.arm_low[:, 2]).min())
 

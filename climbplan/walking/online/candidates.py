@@ -30,7 +30,10 @@ def find_reachable_legs(task: WalkTask) -> BoolArray:
 
 
 def restrict_gait(task: WalkTask, gait: Gait, available: BoolArray) -> Gait | None:
-    """Return the gait without first contacts of unavailable legs; None if too few legs stand.
+    """Return the gait without first contacts of unavailable legs.
+
+    If too few of its legs are available, all available legs stand in the first interval, and no
+    gait is rejected for that.
 
     Args:
         task: the walking task.

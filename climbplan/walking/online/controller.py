@@ -123,7 +123,7 @@ class _Candidate:
 
 
 class OnlineController:
-    """A hybrid model-predictive controller with a horizon of 400 ms.
+    """A hybrid model-predictive controller with a horizon of `SECTION` intervals.
 
     At each tick it solves several candidates: the shifted previous plan, library sections, and
     named gaits.

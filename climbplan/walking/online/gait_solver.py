@@ -2,7 +2,8 @@
 
 The QPs have all integers fixed. A solution is validated by rolling out its forces with the
 nonlinear dynamics in continuous time. It is feasible if the rollout stays within 0.05 m/s and 0.05
-rad of the QP's prediction over 400 ms and toes stay in their workspace. Friction needs no check
+rad of the QP's prediction over the horizon, and toes stay in their workspace.
+Friction needs no check
 because the QP's pyramids are inside the friction cones.
 """
 

@@ -39,8 +39,8 @@ from climbplan.walking.task.task import (
 FORMAT = "climbplan/walk-library"
 _MAX_SEARCH_TIME = 60.0  # [s] for one walk
 _INITIAL_GAITS = ("trot", "walking trot", "slow trot", "stand")  # first candidates of the search
-SECTION = 5  # knots of a section: 400 ms
-# K sections of M knots, F features, L legs
+SECTION = 5  # intervals of a section
+# K sections of M samples (one more than intervals), F features, L legs
 _LAYOUT = {
     "features": Layout(("K", "F")),
     "state": Layout(("K", "M", STATE), "m, m/s, rad, rad/s", "world, from the first position"),
@@ -53,7 +53,7 @@ _LAYOUT = {
 
 @dataclass(frozen=True)
 class SectionLibrary:
-    """K sections of M = `SECTION` knots, with the features of their first knots."""
+    """K sections of M = `SECTION` intervals, with the features of their first knots."""
 
     features: Array  # (K, F)
     state: Array  # (K, M + 1, 12) horizontal positions relative to the first knot

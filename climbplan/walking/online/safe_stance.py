@@ -41,7 +41,11 @@ _OPTIMAL = 1
 
 
 def plan_safe_stance(task: WalkTask) -> WalkTrajectory:
-    """Return a plan in which all legs that reach the ground stand and balance; the body stays."""
+    """Return a plan in which legs stand and balance, and the body stays where it is.
+
+    Legs that reach the ground stand at once, or the better half of the legs if too few do; from the
+    second knot on all legs stand.
+    """
     start = task.start
     in_stance = _select_stance_legs(task)
     state = np.tile(start.state, (task.knots + 1, 1))

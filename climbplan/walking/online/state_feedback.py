@@ -162,7 +162,7 @@ class StateFeedback:
         return self._ekf.velocity_std
 
     def read_state_and_toes(self, state: Array, stance: Stance) -> tuple[Array, Array]:
-        """Return the fed-back state (12,) and toes (L, 3); heights are above the ground."""
+        """Return the fed-back state (12,) and toes (L, 3); a filter has heights above ground."""
         if self._ekf is None or self._last_sample is None:
             return self._perturb_state(state, stance.toes)
         ekf, sample = self._ekf, self._last_sample

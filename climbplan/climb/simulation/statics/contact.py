@@ -222,7 +222,7 @@ def _solve_contact(
         if attempt == _MAX_SLIDE_STEPS or abs(excess) < _FRICTION_TOLERANCE * (
             mu * abs(press) + 0.01
         ):
-            # P = I - G e (e + mu n)^T / resist, G = P G
+            # P = I - G e (e + mu n)^T / slide_stiffness, G = P G
             for i in range(3):
                 for j in range(3):
                     full_stiffness[i, j] = stiffness[i, j]

@@ -93,7 +93,7 @@ def _compute_contact_wrench(
                 solution.mode[i] = AIR
                 solution.force[i] = 0.0
                 continue
-            overshoot = 0.0  # [m] from the touchdown to the commanded position, squared
+            overshoot = 0.0  # [m^2] squared distance from the touchdown to the commanded position
             for a in range(3):
                 overshoot += ((1 - fraction) * (position[a] - contacts.anchor[i, a])) ** 2
             if settings.forbid_landing and overshoot > MAX_OVERSHOOT**2:
@@ -189,7 +189,8 @@ def _solve_step(
     """Move a body to its equilibrium at the end of a time step, in place.
 
     Newton's method with limited steps; a step that increases the residual is halved, as contacts
-    and backlash have kinks. Returns False without an equilibrium, or if it is unstable.
+    and backlash have kinks. Returns False without an equilibrium, if it is unstable, or after an
+    overshoot; a small residual at the iteration limit counts as an equilibrium.
 
     zero: (N, 2J + 1, 3) limbs at zero angles. springs: the joints in this step.
     """

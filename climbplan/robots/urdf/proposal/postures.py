@@ -1,10 +1,11 @@
 """Search for standing postures on level ground and for bracing postures between two walls.
 
 Both searches enumerate a grid of toe positions relative to the first joints: how far below, how far
-outward, and how far towards front or rear. Inverse kinematics starts from the best sampled posture
-nearby, and mirrored legs bend alike. A candidate is feasible if its links stay above the ground,
-outside of the body and between the walls. Candidates are ranked by their worst leg: the margin
-about its toe, first order, times the unused fraction of its torque limits.
+outward, and how far towards front or rear. For standing, inverse kinematics starts from the best
+sampled posture nearby and mirrored legs bend alike. For bracing it starts from the standing one.
+A candidate is feasible if its links stay above the ground, outside of the body and between walls.
+Candidates are ranked by their worst leg: the margin about its toe, first order, times the unused
+fraction of its torque limits.
 """
 
 from __future__ import annotations
@@ -132,7 +133,7 @@ class LegModel:
 
 
 def search_standing_postures(legs: LegModel, count: int) -> list[Posture]:
-    """Return up to `count` postures on level ground, with clearly different toes, best first."""
+    """Return up to `count` postures on level ground, best first."""
     low, out, fore = (
         x.ravel()
         for x in np.meshgrid(_LOWERINGS, _OUTWARD_OFFSETS, _FORE_AFT_OFFSETS, indexing="ij")

@@ -211,6 +211,7 @@ def format_wall_document(proposal: Proposal, robot_file: str, brace: Posture) ->
     )
     shift = max(shift, 2 * brace.shift)
     lift = min(_LIFT * min(robot.stance_radius, 2 * brace.reach_margin), 0.05)
+    lateral_offset = _LATERAL_SEARCH * distance + 0.5 * brace.shift
     rounds, gap = robot.limb_count, _compute_wall_gap(proposal, brace.gap)
     half = gap / 2
     torque = min(
@@ -238,7 +239,7 @@ task:
 posture:
   steps: {{com_shift_max: {shift:.3f}, com_max: {2 * shift:.3f}}}
 
-search: {{aside: {_LATERAL_SEARCH * distance + 0.5 * brace.shift:.3f}, heights: {_WALL_HEIGHTS}}}
+search: {{lateral_offset: {lateral_offset:.3f}, heights: {_WALL_HEIGHTS}}}
 force: {{safety_torque: {torque:.2f}}}
 trajectory: {{swing_clearance: {lift:.4f}}}
 {_UNCERTAIN}seed: 0

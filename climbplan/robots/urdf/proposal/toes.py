@@ -34,9 +34,9 @@ class Toe:
 def find_toe(urdf_model: UrdfModel, joint: str, end: str, shapes: list[Shape]) -> Toe:
     """Find the toe of a limb.
 
-    Links fixed to the last body are preferred by their names (foot, toe, sole, tip, contact), then
-    by their distance from the joint. Where collision geometry reaches well beyond all of them, the
-    toe is its end.
+    A link fixed to the last body whose name is that of a foot (foot, toe, sole, tip, contact) is
+    the toe. Otherwise it is the end of the collision geometry, if that reaches well beyond all
+    fixed links, or else the fixed link farthest from the joint.
 
     Args:
         urdf_model: The robot.

@@ -90,6 +90,6 @@ task:
 
 weights: {{{weights}, height: 1000}}  # {comment}
 solver: {{method: nlp, initial_gait: walking trot}}
-loop: {{effort: {_QP_ITERATIONS}}}  # of `--method online`: intervals leave time to try more gaits
+loop: {{max_qp_iterations: {_QP_ITERATIONS}}}  # of `--method online`: time for more gaits
 seed: 0
 """

@@ -1,4 +1,7 @@
-"""Every command and code block of the README, and of the guides of the package, runs as printed."""
+"""Every command and code block of the README, and of the guides of the package, runs as printed.
+
+The README has two commands, each with a test of its own.
+"""
 
 from __future__ import annotations
 
@@ -72,7 +75,6 @@ LONG = ("docs", "datasets", "limms", "walking", "robots", "grips", "simulation")
 def test_other_commands_run_in_order(page: Path, tmp_path: Path) -> None:
     (tmp_path / "specs").symlink_to(ROOT / "specs")
     lines = [line for line in shell_lines(page.read_text()) if line.startswith("climbplan ")]
-    assert lines or page != PAGES[0]
     for line in lines:
         done = run(line, tmp_path)
         assert done.returncode == 0, f"{line}\n{done.stderr}"

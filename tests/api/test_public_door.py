@@ -128,7 +128,7 @@ def test_against_another_spec(climb: Plan) -> None:
     assert not further.passed
     with pytest.raises(UsageError, match="kind `transition`"):
         climb.verify(SPECS / "transition_flat.yaml")
-    with pytest.raises(UsageError, match="there is none"):
+    with pytest.raises(UsageError, match="none is given"):
         climb.verify(overrides={"task.rounds": 3})
 
 

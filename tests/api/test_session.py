@@ -31,9 +31,9 @@ def test_a_session_agrees_with_single_solves(method: str) -> None:
         assert warm.gap <= 1e-4
         assert warm.check().passed(1e-6)
         state = warm["state"][1]
-    assert "remembered" in warm.method_name
+    assert "remembered" in warm.candidate
     session.reset()
-    assert "remembered" not in session.solve(theta).method_name
+    assert "remembered" not in session.solve(theta).candidate
 
 
 def test_a_session_that_may_not_work_long_says_how_far_it_came() -> None:
@@ -65,7 +65,7 @@ def test_a_session_remembers_boxes_of_products() -> None:
         assert warm.objective == pytest.approx(cold.objective, rel=2e-3)
         assert warm.check().passed(1e-6)
         state = warm["state"][1]
-    assert "remembered" in warm.method_name
+    assert "remembered" in warm.candidate
 
 
 def test_a_session_refuses_what_the_tree_cannot_hold() -> None:

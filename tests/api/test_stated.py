@@ -35,7 +35,7 @@ def test_an_answer_that_the_problems_own_checker_refuses_is_none() -> None:
     assert found.status == "limit"
     assert "answer refused by the problem's own check: never" in found.message
     assert found.message in repr(found)
-    with pytest.raises(UsageError, match=r"no answer to look at: limit .*answer refused"):
+    with pytest.raises(UsageError, match=r"there is no solution: limit .*answer refused"):
         found.check()
 
 

@@ -235,4 +235,4 @@ def test_a_dataset_has_no_one_spec_to_be_held_against(run_command: RunCommand) -
     assert run_command("gen-data", str(SPECS / "dataset_bookshelf.yaml"), *few).code == 0
     done = run_command("verify", "data", "--spec", str(SPECS / "dataset_bookshelf.yaml"))
     assert done.code == 2
-    assert "a dataset, which --spec cannot be held against" in done.err
+    assert "a dataset, which cannot be verified against --spec" in done.err

@@ -139,7 +139,7 @@ def test_boxes_in_the_way_of_others_cost_a_leg_more() -> None:
 
 def test_latches_say_who_has_to_come_down(tmp_path: Path) -> None:
     """Of two modules one hangs on a wall already, by its first end: it does not come down."""
-    modules = [{"name": "A", "anchor": "left"}, {"name": "B", "stand": [-1.0, -0.4, 0]}]
+    modules = [{"name": "A", "anchor": "left"}, {"name": "B", "position": [-1.0, -0.4, 0]}]
     space = StateSpace(
         build_initial_plan(
             build_scene(load_limms(changed(tmp_path, "limms_swap", modules=modules)))

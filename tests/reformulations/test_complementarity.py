@@ -78,7 +78,7 @@ def test_both_kinds_agree_where_the_start_has_the_right_integers() -> None:
 
 
 def test_product_coupling_leaks_less_than_big_m_and_the_polish_nothing() -> None:
-    instance = cart_pole().at(random_theta(np.random.default_rng(2)))
+    instance = cart_pole().instantiate(random_theta(np.random.default_rng(2)))
     good = scip_optimum(instance)
     assert good is not None
     leak = {}

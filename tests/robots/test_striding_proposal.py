@@ -75,5 +75,5 @@ def test_slower_turns_have_longer_intervals(tmp_path: Path) -> None:
         yaml.safe_load(format_walk_document(body, "walker.yaml", lambda *_: 0.0, True, 1.0, times))
         for times in (1.0, 2.0)
     )
-    assert slower["task"]["step"] == pytest.approx(2 * own["task"]["step"], abs=2e-3)
+    assert slower["task"]["dt"] == pytest.approx(2 * own["task"]["dt"], abs=2e-3)
     assert slower["task"]["reference"] == own["task"]["reference"]

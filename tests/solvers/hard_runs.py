@@ -20,6 +20,7 @@ import numpy as np
 from random_scenes import stepping_scene
 
 import climbplan
+from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.program import Instance, Program
 from climbplan.program.trajectory import Trajectory
 
@@ -244,4 +245,5 @@ if __name__ == "__main__":
     chosen = RUNS[sys.argv[1]]
     chosen.prepare()
     threading.Thread(target=_announce, args=(chosen,), daemon=True).start()
-    chosen.call()
+    with ctrl_c_insists():  # as `climbplan.plan` and `climbplan.solve` have it
+        chosen.call()

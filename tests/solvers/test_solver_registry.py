@@ -48,7 +48,7 @@ def test_what_a_solver_cannot_hold_is_refused() -> None:
 
 def test_looking_up_solvers_imports_none() -> None:
     code = (
-        "import sys; from climbplan.solvers import registry; registry.available(); "
+        "import sys; from climbplan.solvers import registry; registry.list_available(); "
         "assert not {'daqp', 'pyscipopt', 'gurobipy', 'highspy'} & set(sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

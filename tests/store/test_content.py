@@ -47,7 +47,7 @@ def test_a_plan_is_verified_once_and_again_after_any_change(
     check = verification._run_verification
     monkeypatch.setattr(verification, "_last", None)
     monkeypatch.setattr(
-        verification, "_verification_of", lambda *given: judged.append(given) or check(*given)
+        verification, "_run_verification", lambda *given: judged.append(given) or check(*given)
     )
     first = verification.verify_plan(climb.plan)
     assert verification.verify(original) is first  # the file holds the same

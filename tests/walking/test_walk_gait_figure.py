@@ -36,7 +36,7 @@ def test_steps_backward_and_deciders_are_told(walked: WalkPlan) -> None:
     words = {text.get_text().strip() for text in figure.findobj(Text)}
     assert {"safe stance", "neighbour", "plan before", "named gait", "push"} <= words
     assert any("-2.8" in word for word in words)
-    assert select_figures(walked)["gait"].function.endswith(":loop_gait")
+    assert select_figures(walked)["gait"].function.endswith(":plot_loop_gait")
 
 
 def test_snapshots_are_about_the_push(walked: WalkPlan) -> None:

@@ -54,21 +54,3 @@ class RenamedAttribute:
             return getattr(owner, self._new)
         warn_renamed(f"`{self._shown}`", f"`{self._shown_new}`")
         return getattr(instance, self._new)
-
-
-def renamed_module_names(module: str, renamed: dict[str, str], values: dict[str, Any]) -> Any:
-    """Return a module's `__getattr__` for old names; `values` are the globals of the module.
-
-    Args:
-        module: the module's name, for messages.
-        renamed: new name by old name.
-        values: `globals()` of the module, from which the new names are read.
-    """
-
-    def get_renamed(name: str) -> Any:
-        if name not in renamed:
-            raise AttributeError(f"module {module!r} has no attribute {name!r}")
-        warn_renamed(f"`{module}.{name}`", f"`{renamed[name]}`")
-        return values[renamed[name]]
-
-    return get_renamed

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
-from climbplan.deprecation import renamed_module_names
+from climbplan.deprecation import warn_renamed
 
 
 class ExitCode(IntEnum):
@@ -247,4 +247,12 @@ class ReachFailure(NoPlanFound):
 
 # Old names of these errors, which user code may still catch
 _RENAMED = {"NotProved": "Unresolved", "PlanFails": "VerificationFailed"}
-__getattr__ = renamed_module_names(__name__, _RENAMED, globals())
+
+
+def __getattr__(name: str) -> type[ClimbplanError]:
+    """Return an error under its old name, with a warning that gives the new one."""
+    if name not in _RENAMED:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    warn_renamed(f"`{__name__}.{name}`", f"`{__name__}.{_RENAMED[name]}`")
+    error: type[ClimbplanError] = globals()[_RENAMED[name]]
+    return error

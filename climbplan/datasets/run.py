@@ -87,7 +87,7 @@ class _Pending:
         self._again.append(chunk)
 
     def learn(self, seconds: float, rows: int) -> None:
-        """How long rows take decides how many a worker is asked for at once."""
+        """Update the mean time of a row [s], by which the requests of workers are sized."""
         pace = seconds / max(rows, 1)
         self._pace = pace if self._pace == 0.0 else 0.8 * self._pace + 0.2 * pace
 

@@ -49,7 +49,7 @@ class Messages:
         self._topics = () if motion.contacts is None else name_contact_topics(motion.contacts.names)
 
     def build_all(self) -> Iterator[Stamped]:
-        """In order of time; what does not change comes first."""
+        """Return the messages in order of time; constant ones come first."""
         motion = self._motion
         begin = convert_to_nanoseconds(float(motion.time[0]))
         if motion.joints is not None:

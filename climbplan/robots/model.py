@@ -151,7 +151,7 @@ class Robot:
 
     @property
     def joint_unit(self) -> Array:
-        """What counts as one radian (N, J): 1, or a length [m] of prismatic joints."""
+        """Length [m] that counts as one radian of prismatic joints (N, J); 1 for revolute ones."""
         return np.where(self.slides, RADIAN, 1.0)
 
     @property

@@ -25,7 +25,7 @@ def test_old_functions_warn_and_are_the_new_ones(old: str, new: str) -> None:
     ("old", "new"), [("NotProved", "Unresolved"), ("PlanFails", "VerificationFailed")]
 )
 def test_old_errors_warn_and_are_the_new_ones(old: str, new: str) -> None:
-    with pytest.warns(FutureWarning, match=f"{old}` is now `{new}`"):
+    with pytest.warns(FutureWarning, match=f"{old}` is now `climbplan.errors.{new}`"):
         assert getattr(errors, old) is getattr(errors, new)
     with pytest.raises(AttributeError, match="no attribute 'Typo'"):
         importlib.import_module("climbplan.errors").Typo  # noqa: B018

@@ -23,7 +23,7 @@ def hull_world(scene: MotionScene, com: Array, rpy: Array) -> Array:
 
 
 def compute_body_shortfall(scene: MotionScene, rounds: Rounds) -> Array:
-    """By how much each round misses the clearance asked for, (M,) [m], 0 where it is kept.
+    """Compute the clearance that each round lacks, (M,) [m]; 0 where the required one is kept.
 
     A pose is clear of a choice if its hull lies in one of the choice's free regions.
     """

@@ -41,7 +41,7 @@ class GripForces:
 
     @classmethod
     def unpack(cls, packed: Array) -> GripForces:
-        """From (S, N, 7)."""
+        """Unpack the stored array (S, N, 7)."""
         return cls(packed[..., 0], packed[..., 1:4], packed[..., 4:7])
 
 

@@ -110,7 +110,7 @@ class MotionSpec(Protocol):
 
     @property
     def terrain(self) -> TerrainSpec:
-        """Where toes may stand."""
+        """The terrain, which has the surfaces for toes."""
 
     @property
     def task(self) -> MotionTask:
@@ -126,7 +126,7 @@ class MotionSpec(Protocol):
 
     @property
     def margins(self) -> Margins:
-        """What forces keep in hand where they can."""
+        """Reserves that forces keep where they can."""
 
     @property
     def trajectory(self) -> TrajectorySpec:

@@ -72,9 +72,9 @@ class ModulesEnd(SimulationEnd):
         told = f" with {count} contact{'s' * (count > 1)} that did not hold"
         return "delivered" + (told if count else "")
 
-    def failure(self, most: int | None) -> str:
-        """Why the plan does not hold in the simulation, "" if it does; most: contacts let pass."""
-        limit = self.allowed if most is None else most
+    def failure(self, max_slips: int | None) -> str:
+        """Return why the simulated plan fails, "" if it does not; `max_slips` contacts may fail."""
+        limit = self.allowed if max_slips is None else max_slips
         if self.fall_time is not None or self.lost_contacts > limit:
             return f"{self.words}"
         return ""

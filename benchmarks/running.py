@@ -14,7 +14,7 @@ from typing import Annotated, Any, TextIO
 import typer
 
 from benchmarks.record import describe_start, make_record
-from climbplan.cli.console import Session, plain_messages, print_error, say, standard_output
+from climbplan.cli.console import Invocation, plain_messages, print_error, say, standard_output
 from climbplan.cli.environment import prepare_environment
 from climbplan.cli.options import Force, Quiet, Verbose
 from climbplan.cli.output_directory import OutputDirectory
@@ -130,7 +130,7 @@ def _run_benchmark(
     shared: Mapping[str, Any],
 ) -> None:
     """Print the tables and write the files; an error that is no bug becomes an exit code."""
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     name = context.command.name or ""
     session.note(f"{name}: {context.command.get_short_help_str(limit=120)}")
     quick, json_file, out = shared["quick"], shared["json_file"], shared.get("out")

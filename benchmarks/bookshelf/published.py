@@ -29,10 +29,10 @@ from climbplan.bookshelf.plan.answer import Placement, SceneAnswer
 from climbplan.bookshelf.plan.shelf_plan import measure_worst_overlap
 from climbplan.bookshelf.scene.generator import build_drop_shelf
 from climbplan.bookshelf.scene.scene_file import read_scenes
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, compute_movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, ShelfScene, compute_movement_cost
 from climbplan.bookshelf.statement.points import snap_to_states
 from climbplan.errors import UsageError
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 
 Allowance = Literal["none", "overlap", "lengths"]
@@ -43,7 +43,7 @@ GRANTED: dict[Allowance, frozenset[str]] = {
     "lengths": frozenset({"book.overlap", "book.wall", "book.support"}),
 }
 _BOOKS = 3
-_X = Layout(("S", 30), "mm, rad", "shelf")  # 3 (x, y), 3 angles, inserted x, y, angle, lines
+_X = DatasetLayout(("S", 30), "mm, rad", "shelf")  # 3 (x, y), 3 angles, inserted x, y, angle, lines
 _ROUNDING = 1e-3  # [mm^2] of costs
 _HAIR = 1e-7  # [m] on top of what is granted
 
@@ -175,7 +175,7 @@ def compare_published(
 
 
 def solve_allowing(
-    scene: Scene,
+    scene: ShelfScene,
     shelf: Shelf,
     allowance: Allowance,
     check: PlacementCheck,

@@ -26,7 +26,7 @@ from climbplan.bookshelf.methods.setting import MethodSetting
 from climbplan.bookshelf.methods.shelf_context import build_context
 from climbplan.bookshelf.scene.generator import DropRules, build_drop_shelf, generate_scene
 from climbplan.bookshelf.scene.scene_file import read_scenes
-from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf
+from climbplan.bookshelf.scene.shelf_scene import Shelf, ShelfScene
 from climbplan.bookshelf.schema.model import ShelfSolverSpec
 from climbplan.bookshelf.statement.points import build_theta
 from climbplan.errors import UsageError
@@ -65,7 +65,7 @@ class Case:
     """Scenes with their optima."""
 
     setting: str  # of KINDS
-    scenes: Sequence[Scene]
+    scenes: Sequence[ShelfScene]
     optimum: Array  # (S,) [mm^2]
     evaluator: PlacementEvaluator
     method: MethodSetting
@@ -170,7 +170,7 @@ def unseen_cases(
     return cases
 
 
-def case_of(setting: str, scenes: Sequence[Scene], shelf: Shelf, seconds: float) -> Case:
+def case_of(setting: str, scenes: Sequence[ShelfScene], shelf: Shelf, seconds: float) -> Case:
     """The scenes that have a placement, with their optima by `exact`."""
     solver = ExactSolver(shelf)
     solver.solve(scenes[0])  # compiles
@@ -186,21 +186,23 @@ def case_of(setting: str, scenes: Sequence[Scene], shelf: Shelf, seconds: float)
     )
 
 
-def drawn_scenes(setting: str, seed: int, count: int, report: Progress, stage: str) -> list[Scene]:
+def drawn_scenes(
+    setting: str, seed: int, count: int, report: Progress, stage: str
+) -> list[ShelfScene]:
     """Scenes of one kind; the same for the same seed."""
     return _drawn(KINDS[setting], seed, 0, count, report, stage)
 
 
 def _drawn(
     kind: SceneKind, seed: int, first: int, count: int, report: Progress, stage: str
-) -> list[Scene]:
+) -> list[ShelfScene]:
     scenes = []
     for k in range(count):
         scene = generate_scene(seed, first + k, STORED_BOOKS, kind.rules)
         if kind.inserted_mm is not None:
             rng = np.random.default_rng([seed, first + k])
             width = 1e-3 * rng.integers(*kind.inserted_mm, endpoint=True)
-            scene = Scene(scene.pose, scene.size, np.array([scene.inserted[0], width]))
+            scene = ShelfScene(scene.pose, scene.size, np.array([scene.inserted[0], width]))
         scenes.append(scene)
         report(stage, (k + 1) / count)
     return scenes

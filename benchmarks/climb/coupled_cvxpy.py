@@ -8,12 +8,12 @@ import numpy as np
 
 from climbplan.program.blocks import Variable
 from climbplan.program.instance import Instance
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.local_envelopes import LocalForm
 
 
 def cvxpy_stages(
-    pinned: Instance, within: Range, force: Variable, one_by_one: bool = False
+    pinned: Instance, within: ElementwiseRange, force: Variable, one_by_one: bool = False
 ) -> float:
     """P1, then P2 at its postures, both by Clarabel; returns P1's cost.
 

@@ -16,7 +16,7 @@ import numpy as np
 from climbplan.climb.coupled.accurate import AccurateResult, solve_accurate
 from climbplan.climb.coupled.envelopes import load_envelope
 from climbplan.climb.coupled.preparation import CoupledProblem, prepare_problem
-from climbplan.climb.coupled.stages import Candidate, repair_candidate
+from climbplan.climb.coupled.stages import IntegralPoint, repair_candidate
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene.climb_scene import build_scene
 from climbplan.climb.schema.model import ClimbSpec
@@ -77,9 +77,9 @@ def prepared_walls(rounds: int, seed: int, force: float = FORCE_WEIGHT) -> Coupl
     return prepare_problem(scene, PostureMargins())
 
 
-def known_point(prepared: CoupledProblem) -> Candidate | None:
+def known_point(prepared: CoupledProblem) -> IntegralPoint | None:
     """A point of P by IPOPT from the postures alone."""
-    first = Candidate(prepared.guess, prepared.assignment, "postures")
+    first = IntegralPoint(prepared.guess, prepared.assignment, "postures")
     return repair_candidate(prepared, first, LIMIT, local=True)
 
 
@@ -133,7 +133,7 @@ def bench_micp(seed: int, quick: bool, out: TextIO) -> None:
 
 def _closed_by_postures(rounds: int, seed: int) -> bool:
     prepared = prepared_walls(rounds, seed, force=0.0)
-    first = Candidate(prepared.guess, prepared.assignment, "postures")
+    first = IntegralPoint(prepared.guess, prepared.assignment, "postures")
     found = repair_candidate(prepared, first, LIMIT)
     if found is None:
         return False

@@ -22,8 +22,8 @@ from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.search import SequenceSearch
 from climbplan.climb.transition.sequence_planning import (
     CompleteMotion,
-    MethodResult,
-    PlanningRun,
+    TransitionResult,
+    TransitionRun,
     assemble_plan,
     plan_and_verify_sequence,
 )
@@ -84,7 +84,7 @@ def _measured(rounds: int, seed: int, starts: int) -> _Row:
     good: list[bool] = []
 
     def carry(tables: SearchTables, sequence: Sequence) -> str:
-        run = PlanningRun(loaded, scene, StageClock(lambda stage, fraction: None))
+        run = TransitionRun(loaded, scene, StageClock(lambda stage, fraction: None))
         attempt = plan_and_verify_sequence(run, tables, sequence)
         if attempt.motion is not None:
             good.append(_verified(run, attempt.motion))
@@ -106,9 +106,9 @@ def _measured(rounds: int, seed: int, starts: int) -> _Row:
     )
 
 
-def _verified(run: PlanningRun, done: CompleteMotion) -> bool:
+def _verified(run: TransitionRun, done: CompleteMotion) -> bool:
     """Whether a motion, written as a plan, passes the verification of its file."""
-    plan = assemble_plan(run, MethodResult(done, {}))
+    plan = assemble_plan(run, TransitionResult(done, {}))
     with TemporaryDirectory() as folder:
         path = Path(folder) / "plan.h5"
         write_climb(plan, path)

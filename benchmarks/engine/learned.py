@@ -16,7 +16,7 @@ import numpy as np
 
 from benchmarks.engine.flyers import RECTANGLES, STEPS
 from climbplan.instances.free_flyer import build_free_flyer_problem
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Library, ProgramSignature
 from climbplan.learning.neighbours import NearestProblems
 from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.result import SolverResult
@@ -99,7 +99,7 @@ def _library(problem: Problem, rng: np.random.Generator, count: int) -> Library:
     found = [(theta, _cold(problem, theta)[0]) for theta in thetas]
     kept = [(theta, r) for theta, r in found if r.x is not None]
     return Library.of(
-        Frame.of(problem.program),
+        ProgramSignature.of(problem.program),
         np.array([problem.feature_vector(theta) for theta, _ in kept]),
         np.array([r.x for _, r in kept]),
         np.array([r.objective for _, r in kept]),

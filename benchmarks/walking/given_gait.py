@@ -14,7 +14,7 @@ import numpy as np
 from climbplan.walking.micp.attitude_box import build_attitude_box
 from climbplan.walking.micp.branch_and_bound import MAX_TIGHTENING_ROUNDS, TANGENT_RATIO
 from climbplan.walking.micp.limits import MicpLimits
-from climbplan.walking.micp.prefix_relaxation import Formulation, bound_by_tightening
+from climbplan.walking.micp.prefix_relaxation import TaskRelaxation, bound_by_tightening
 from climbplan.walking.micp.variable_bounds import VariableBounds
 from climbplan.walking.plan.answer import WalkAnswer
 from climbplan.walking.task.task import WalkTask
@@ -34,7 +34,7 @@ def bound_of_gait(task: WalkTask, limits: MicpLimits, answers: Sequence[WalkAnsw
     motions = np.stack([motion.state for _, motion in known])
     tube = build_attitude_box(stated, motions, np.array(limits.angles), np.array(limits.spin))
     pieces = limits.arm_pieces, limits.height_pieces
-    program = Formulation(stated, tube, cost * (1.0 - limits.gap), *pieces, TANGENT_RATIO)
+    program = TaskRelaxation(stated, tube, cost * (1.0 - limits.gap), *pieces, TANGENT_RATIO)
     force = task.body.force_limit / (task.weight / task.body.leg_count)
     box = VariableBounds.create_open(stated, program.cutoff, force).fix_contacts(
         best.gait.contact[:-1]

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from benchmarks.climb.stands import fares
-from climbplan.climb.proposed.outcome import Outcome
+from climbplan.climb.proposed.outcome import SpecOutcome
 from climbplan.climb.proposed.proposed import ProposalTrials
 from climbplan.errors import UsageError
 from climbplan.simulation.conditions import NOMINAL
@@ -42,7 +42,7 @@ def _simulated(end: Callable[[], str]) -> str:
         return NOT_SIMULATED
 
 
-def _climb(make: Callable[[ProposalTrials, Told], Outcome]) -> Column:
+def _climb(make: Callable[[ProposalTrials, Told], SpecOutcome]) -> Column:
     def cell(trials: ProposalTrials, told: Told) -> Cell:
         begin = time.process_time()
         outcome = make(trials, told)

@@ -9,11 +9,11 @@ from benchmarks.zoo.robots import Zoo
 from climbplan.climb.proposed.proposed import format_file_name
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.proposal.generator import propose_robot
-from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
 from climbplan.robots.urdf.proposal.robot_document import format_robot_document
 
 
-def keep_robot(files: Path, zoo: Zoo, found: Proposal) -> Path:
+def keep_robot(files: Path, zoo: Zoo, found: RobotProposal) -> Path:
     """Write a robot file in `files`; raises UsageError where that cannot be."""
     path = _path(files, zoo)
     try:

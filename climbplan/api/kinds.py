@@ -12,7 +12,7 @@ from climbplan.errors import PlanFileError, UsageError
 
 if TYPE_CHECKING:
     from climbplan.exports.motion import RobotMotion
-    from climbplan.reports.viewer.scene import Scene
+    from climbplan.reports.viewer.scene import ViewerScene
     from climbplan.schema.holding import HeldSpec
     from climbplan.verification.verification import Verification
 
@@ -79,13 +79,13 @@ class PlanKind:
         motion: RobotMotion = self._module("exports.motion").read_motion(path)
         return motion
 
-    def read_scene(self, path: Path) -> Scene:
+    def read_scene(self, path: Path) -> ViewerScene:
         """Read the scene that `view` shows; raises UsageError for files without geometry."""
         if not self.is_in_space:
             raise UsageError(
                 f"{path}: a dataset; `report` draws its statistics, `view` shows plans"
             )
-        scene: Scene = self._module("pages.scene").read_scene(path)
+        scene: ViewerScene = self._module("pages.scene").read_scene(path)
         return scene
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.world_sample import WorldSample
 from climbplan.climb.planner.visual_geometry import load_visual_geometry
-from climbplan.climb.proposed.outcome import Outcome
+from climbplan.climb.proposed.outcome import SpecOutcome
 from climbplan.climb.proposed.proposed import format_file_name, plan_proposal
 from climbplan.climb.simulation.risk.sampling import sample_worlds
 from climbplan.climb.simulation.risk.suggestions import suggest_knowledge
@@ -67,7 +67,7 @@ def new_robot(
     planned = plan_proposal(proposal, directory, report, _sample_for_choice)
     proposal = planned.proposal
     report("counting falls in worlds that nothing was chosen by")
-    outcomes: list[Outcome | ProposedWalk] = [_in_fresh_worlds(one) for one in planned.outcomes]
+    outcomes: list[SpecOutcome | ProposedWalk] = [_in_fresh_worlds(one) for one in planned.outcomes]
     walks = {}
     if planned.walks:
         report("planning a walk at speed")
@@ -101,7 +101,7 @@ def _sample_for_choice(plan: ClimbPlan) -> WorldSample | None:
         return None
 
 
-def _in_fresh_worlds(outcome: Outcome) -> Outcome:
+def _in_fresh_worlds(outcome: SpecOutcome) -> SpecOutcome:
     """Return the outcome with the sample that planning its spec stores, and what it needs."""
     plan = outcome.plan
     if plan is None or outcome.sample is None:

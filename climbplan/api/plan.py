@@ -20,7 +20,7 @@ from climbplan.api.kinds import PlanKind, identify_kind
 from climbplan.api.plan_path import PLAN_FILE, find_plan
 from climbplan.deprecation import RenamedAttribute, renamed_parameters
 from climbplan.errors import MissingSolver, UsageError
-from climbplan.store.hdf5_layout import Kind, Layout
+from climbplan.store.hdf5_layout import DatasetLayout, Kind
 from climbplan.store.hdf5_reading import Reader, open_store
 
 if TYPE_CHECKING:
@@ -105,11 +105,11 @@ class Group:
             dataset = file[full]
             shape = tuple(dataset.shape or ())
             if h5py.check_string_dtype(dataset.dtype) is not None:
-                return reader.texts(full, Layout(shape, kind="text"))
+                return reader.texts(full, DatasetLayout(shape, kind="text"))
             kind = _KINDS.get(dataset.dtype.kind)
             if kind is None:
                 raise reader.refuse(f"{full} holds {dataset.dtype}, which no plan has")
-            array = reader.array(full, Layout(shape, kind=kind, may_be_nan=True))
+            array = reader.array(full, DatasetLayout(shape, kind=kind, may_be_nan=True))
         array.flags.writeable = False
         return array
 

@@ -11,7 +11,7 @@ from climbplan.store.hdf5_reading import open_store
 from climbplan.store.plan_format import read_plan_format
 
 if TYPE_CHECKING:
-    from climbplan.simulation.drake.report import Run
+    from climbplan.simulation.drake.report import ReportedRun
     from climbplan.simulation.drake.settings import Settings
 
 RATE = 100.0  # [Hz] of the exported motion
@@ -21,7 +21,7 @@ _KINDS = ("climbplan/climb", "climbplan/transition")
 
 def simulate_in_drake(
     plan: Path, directory: Path, settings: Settings, urdf: Path | None, report: Progress
-) -> Run:
+) -> ReportedRun:
     """Export a plan into a directory and play the exported files in Drake.
 
     Args:

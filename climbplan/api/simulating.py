@@ -13,7 +13,7 @@ from climbplan.store.plan_format import read_plan_format
 if TYPE_CHECKING:
     from climbplan.simulation.report_files import SimulationRecord
     from climbplan.simulation.request import SimulationRequest
-    from climbplan.simulation.trials import Trial
+    from climbplan.simulation.trials import RandomRun
 
 Simulate = Callable[["SimulationRequest", Progress], tuple["SimulationRecord", list[str]]]
 """Returns the record of a simulation, and lines on its random runs."""
@@ -103,7 +103,7 @@ def _reject_pushes(asked: SimulationRequest) -> None:
         raise UsageError("--push: only walks of robots from URDFs are pushed")
 
 
-def _falls(trials: tuple[Trial, ...]) -> list[str]:
+def _falls(trials: tuple[RandomRun, ...]) -> list[str]:
     if not trials:
         return []
     return [f"{sum(trial.fallen for trial in trials)} of {len(trials)} runs fall"]

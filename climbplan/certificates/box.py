@@ -12,14 +12,14 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.certificates.rounding import bound_error, round_down, round_up
-from climbplan.certificates.rows import StatedRows
+from climbplan.certificates.rows import CertificateRows
 
 TOLERANCE = 1e-10
 _PROGRESS = 1e-6  # relative change of bounds below which sweeps stop
 
 
 @dataclass(frozen=True)
-class Box:
+class CertificateBox:
     """The box lower <= v <= upper, empty if bounds cross."""
 
     lower: Array  # (N,)
@@ -30,24 +30,26 @@ class Box:
         """Return whether bounds cross."""
         return bool((self.lower > self.upper).any())
 
-    def classify_rows(self, rows: StatedRows) -> tuple[BoolArray, BoolArray]:
+    def classify_rows(self, rows: CertificateRows) -> tuple[BoolArray, BoolArray]:
         """Return masks of rows that are active, and of rows whose binary is still open."""
         b, low, high = rows.binary, self.lower[rows.binary], self.upper[rows.binary]
         is_fixed = (low == rows.value) & (high == rows.value)
         return (b < 0) | is_fixed, (b >= 0) & rows.integer[b] & (low == 0.0) & (high == 1.0)
 
-    def bisect(self, rows: StatedRows, j: int, value: float) -> tuple[Box, Box]:
+    def bisect(
+        self, rows: CertificateRows, j: int, value: float
+    ) -> tuple[CertificateBox, CertificateBox]:
         """Return both sides of a split, which together cover every v of the box."""
         below, above = self.upper.copy(), self.lower.copy()
         below[j] = min(below[j], np.floor(value) if rows.integer[j] else value)
         above[j] = max(above[j], np.floor(value) + 1.0 if rows.integer[j] else value)
-        return Box(self.lower, below), Box(above, self.upper)
+        return CertificateBox(self.lower, below), CertificateBox(above, self.upper)
 
 
-def tighten_box(rows: StatedRows, box: Box, sweeps: int = 8) -> Box:
+def tighten_box(rows: CertificateRows, box: CertificateBox, sweeps: int = 8) -> CertificateBox:
     """Return a smaller box with the same feasible points, by sweeps over products and rows."""
     for _ in range(sweeps):
-        previous, box = box, Box(box.lower.copy(), box.upper.copy())
+        previous, box = box, CertificateBox(box.lower.copy(), box.upper.copy())
         _tighten_by_products(rows, box)
         _tighten_by_rows(rows, box)
         box.lower[rows.integer] = np.ceil(box.lower[rows.integer])
@@ -58,7 +60,7 @@ def tighten_box(rows: StatedRows, box: Box, sweeps: int = 8) -> Box:
     return box
 
 
-def _tighten_by_products(rows: StatedRows, box: Box) -> None:
+def _tighten_by_products(rows: CertificateRows, box: CertificateBox) -> None:
     """Tighten products by the ranges of their factors, and factors by roots of squares."""
     i, j, w = rows.first, rows.second, rows.w
     x, y = np.stack([box.lower[i], box.upper[i]]), np.stack([box.lower[j], box.upper[j]])
@@ -74,7 +76,7 @@ def _tighten_by_products(rows: StatedRows, box: Box) -> None:
     np.maximum.at(box.lower, i[i == j], -root)
 
 
-def _tighten_by_rows(rows: StatedRows, box: Box) -> None:
+def _tighten_by_rows(rows: CertificateRows, box: CertificateBox) -> None:
     """Tighten every variable of a row by the row's bounds and its other variables."""
     index, data, binary = rows.G.indices, rows.G.data, rows.binary
     row = np.repeat(np.arange(len(binary)), np.diff(rows.G.indptr))

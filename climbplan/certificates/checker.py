@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.certificates.box import TOLERANCE, Box, tighten_box
+from climbplan.certificates.box import TOLERANCE, CertificateBox, tighten_box
 from climbplan.certificates.certificate import Certificate
 from climbplan.certificates.lagrangian import build_lagrangian, compute_convexity_shift
 from climbplan.certificates.rounding import round_down
@@ -25,7 +25,7 @@ from climbplan.program.instance import Instance
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CertificateVerdict:
     """The bound that is proved, and the faults of a certificate that proves nothing."""
 
     bound: float  # lower bound: infinite if nothing is feasible, -infinite if nothing is proved
@@ -33,11 +33,11 @@ class Verdict:
     faults: tuple[str, ...]
 
 
-def check(instance: Instance, certificate: Certificate) -> Verdict:
+def check(instance: Instance, certificate: Certificate) -> CertificateVerdict:
     """Check what a certificate proves; raise UsageError for unsupported statements."""
     checker, c = Checker(instance), certificate
     if faults := tuple(checker.find_faults(c)):
-        return Verdict(-np.inf, 0.0, faults)
+        return CertificateVerdict(-np.inf, 0.0, faults)
     bound, margin, stack, s = np.inf, np.inf, [checker.root], 0
     for j, value in zip(c.split, c.at, strict=True):
         if not stack:
@@ -50,8 +50,10 @@ def check(instance: Instance, certificate: Certificate) -> Verdict:
         leaf_proof = checker.evaluate_leaf(box, point, y, c.ball[s])
         bound, margin, s = min(bound, leaf_proof[0]), min(margin, leaf_proof[1]), s + 1
     if stack or s < len(c.empty):
-        return Verdict(-np.inf, 0.0, ("tree: its nodes are not those of one whole tree",))
-    return Verdict(bound, margin if bound == np.inf else 0.0, ())
+        return CertificateVerdict(
+            -np.inf, 0.0, ("tree: its nodes are not those of one whole tree",)
+        )
+    return CertificateVerdict(bound, margin if bound == np.inf else 0.0, ())
 
 
 class Checker:
@@ -64,14 +66,14 @@ class Checker:
         lower, upper = np.zeros(size), np.ones(size)  # of z, while w is open
         lower[:n], upper[:n] = instance.lower, instance.upper
         lower[self.rows.w], upper[self.rows.w] = -np.inf, np.inf
-        self.root = tighten_box(self.rows, Box(lower, upper), sweeps=100)
+        self.root = tighten_box(self.rows, CertificateBox(lower, upper), sweeps=100)
         factors = np.append(self.rows.first, self.rows.second)
         if not self.root.empty and np.isinf(self.root.upper - self.root.lower)[factors].any():
             raise UsageError(f"{instance.name}: nothing bounds a factor of a product")
         self._curvature = compute_convexity_shift(instance.P)
 
     def evaluate_leaf(
-        self, box: Box, point: Array | None, y: Array, ball: Array
+        self, box: CertificateBox, point: Array | None, y: Array, ball: Array
     ) -> tuple[float, float]:
         """Return bound and margin of a leaf; without a point it has to be proved infeasible."""
         if box.empty:

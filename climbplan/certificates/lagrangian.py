@@ -17,9 +17,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from climbplan.arrays import Array, IntArray
-from climbplan.certificates.box import Box
+from climbplan.certificates.box import CertificateBox
 from climbplan.certificates.rounding import bound_error, round_down, round_up
-from climbplan.certificates.rows import StatedRows
+from climbplan.certificates.rows import CertificateRows
 from climbplan.program.instance import Instance
 
 _LIFT = 1e-13  # diagonal shift for the Cholesky factor of a singular matrix, relative
@@ -41,7 +41,7 @@ class Lagrangian:
         np.add.at(self.size, places, np.abs(entries))
         self.terms += entries.size
 
-    def minimise(self, box: Box) -> float:
+    def minimise(self, box: CertificateBox) -> float:
         """Return the minimum over a box, rounded down."""
         is_used = self.size > 0.0
         slope, size = self.slope[is_used], self.size[is_used]
@@ -54,7 +54,12 @@ class Lagrangian:
 
 
 def build_lagrangian(
-    instance: Instance, rows: StatedRows, box: Box, point: Array | None, y: Array, ball: Array
+    instance: Instance,
+    rows: CertificateRows,
+    box: CertificateBox,
+    point: Array | None,
+    y: Array,
+    ball: Array,
 ) -> Lagrangian:
     """Build the Lagrangian of multipliers y and `ball`; without a point the cost is left out."""
     total = Lagrangian(len(rows.integer))
@@ -78,7 +83,7 @@ def build_lagrangian(
     return total
 
 
-def _add_rows(total: Lagrangian, rows: StatedRows, box: Box, y: Array) -> None:
+def _add_rows(total: Lagrangian, rows: CertificateRows, box: CertificateBox, y: Array) -> None:
     """Add l'g - l'G v, and - M (1 - z) of rows that hold where z is 1, - M z where it is 0."""
     is_active, is_open = box.classify_rows(rows)
     r = np.flatnonzero((y != 0.0) & (is_active | is_open))  # others are inactive in this box

@@ -20,7 +20,7 @@ from climbplan.program.instance import Instance
 
 
 @dataclass(frozen=True)
-class StatedRows:
+class CertificateRows:
     """Rows lower <= G v <= upper, of all v or of those whose binary has a value.
 
     In this order: plain rows, rows of implications, rows of alternatives (the products of the
@@ -38,7 +38,7 @@ class StatedRows:
     w: IntArray  # (K,) indices of w in v
 
 
-def build_stated_rows(instance: Instance) -> StatedRows:
+def build_stated_rows(instance: Instance) -> CertificateRows:
     """Build the rows of an instance; raise UsageError for smooth rows."""
     if instance.smooth is not None:
         raise UsageError(f"{instance.name}: no certificate holds smooth rows")
@@ -74,10 +74,10 @@ def build_stated_rows(instance: Instance) -> StatedRows:
     matrix.eliminate_zeros()
     integer = np.concatenate([instance.integer, np.ones(R, bool), np.zeros(K, bool)])
     products = instance.products.first, instance.products.second, np.arange(n + R, n + R + K)
-    return StatedRows(matrix, lower, upper, binary, value.astype(np.int64), integer, *products)
+    return CertificateRows(matrix, lower, upper, binary, value.astype(np.int64), integer, *products)
 
 
-def append_envelopes(rows: StatedRows, lower: Array, upper: Array) -> StatedRows:
+def append_envelopes(rows: CertificateRows, lower: Array, upper: Array) -> CertificateRows:
     """Append the envelopes of w = x y in a box (McCormick 1976), four rows each.
 
     With an end f of x's range and an end g of y's, (x - f) (y - g) has one sign in the box: that of

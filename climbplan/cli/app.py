@@ -21,7 +21,7 @@ from typer.core import TyperGroup
 
 from climbplan import __version__
 from climbplan.cli.console import (
-    Session,
+    Invocation,
     plain_messages,
     prepare_streams,
     print_answer,
@@ -120,7 +120,9 @@ class _Commands(TyperGroup):
     def make_context(
         self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any
     ) -> Any:
-        session: Session = extra.setdefault("obj", Session())  # absent if Python calls the app
+        session: Invocation = extra.setdefault(
+            "obj", Invocation()
+        )  # absent if Python calls the app
         try:
             return super().make_context(info_name, args, parent, **extra)
         except typer.Exit:
@@ -133,7 +135,7 @@ class _Commands(TyperGroup):
             raise
 
     def invoke(self, ctx: Any) -> Any:
-        session = ctx.ensure_object(Session)
+        session = ctx.ensure_object(Invocation)
         try:
             require_sound_environment()
             return super().invoke(ctx)
@@ -153,7 +155,7 @@ class _Commands(TyperGroup):
             interrupt_handled()
 
 
-def _code_of(error: BaseException, session: Session) -> int | None:
+def _code_of(error: BaseException, session: Invocation) -> int | None:
     """Return the exit code of an error that is no bug, once it is printed; None for a bug."""
     stated = fault_of_surroundings(error) or error
     if isinstance(stated, ClimbplanError):
@@ -208,7 +210,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
     """Run one command line (by default the process's own) and return its exit code."""
     prepare_streams()
     command_line = list(sys.argv[1:] if arguments is None else arguments)
-    session = Session(as_json="--json" in command_line)
+    session = Invocation(as_json="--json" in command_line)
     with running(session):
         code = _invoke(command_line, session)
     try:
@@ -226,7 +228,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         return error.exit_code
 
 
-def _invoke(arguments: Sequence[str], session: Session) -> int:
+def _invoke(arguments: Sequence[str], session: Invocation) -> int:
     command = typer.main.get_command(app)
     try:
         with plain_messages(session):
@@ -266,4 +268,4 @@ def _run_and_leave() -> int:
 def _print_answer_for_killed(code: int, message: str) -> None:
     """Print the JSON object for a process that was killed before it printed one."""
     if "--json" in sys.argv[1:]:
-        print_answer(Session(), code, {**failure_fields(None, code, ""), "message": message})
+        print_answer(Invocation(), code, {**failure_fields(None, code, ""), "message": message})

@@ -23,7 +23,7 @@ _NOT_PLAIN = re.compile(r"[\x7f-\x9f\ud800-\udfff]")  # that JSON may hold as th
 
 
 @dataclass
-class Session:
+class Invocation:
     """How much one invocation of the command line says."""
 
     quiet: bool = False
@@ -43,7 +43,7 @@ class Session:
         return not self.quiet and sys.stderr.isatty()
 
 
-_RUNNING: ContextVar[Session | None] = ContextVar("running", default=None)
+_RUNNING: ContextVar[Invocation | None] = ContextVar("running", default=None)
 
 
 def harmless(text: str) -> str:
@@ -76,7 +76,7 @@ def print_json(value: Mapping[str, Any]) -> None:
     session.answer = {**(session.answer or {}), **value}
 
 
-def print_answer(session: Session, code: int, failure: Mapping[str, Any]) -> None:
+def print_answer(session: Invocation, code: int, failure: Mapping[str, Any]) -> None:
     """Print the one object of a run with `--json`, at its end.
 
     Args:
@@ -98,7 +98,7 @@ def _print_object(value: Mapping[str, Any]) -> None:
 
 
 @contextmanager
-def running(session: Session) -> Iterator[None]:
+def running(session: Invocation) -> Iterator[None]:
     """While the command line of this session runs."""
     token = _RUNNING.set(session)
     try:
@@ -138,7 +138,7 @@ def warn(message: str) -> None:
 class _LogLines(logging.Handler):
     """The package's log as plain lines: warnings always, notes unless quiet, the rest with -v."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Invocation) -> None:
         super().__init__()
         self._session = session
         self._said: set[str] = set()  # of several tries of a planner, each says it again
@@ -156,7 +156,7 @@ class _LogLines(logging.Handler):
 
 
 @contextmanager
-def plain_messages(session: Session) -> Iterator[None]:
+def plain_messages(session: Invocation) -> Iterator[None]:
     """Warnings and log messages as single lines on standard error, without source code."""
 
     def show(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from climbplan.api.plan_path import find_plan
-from climbplan.cli.console import Session, print_json, print_result, standard_output, warn
+from climbplan.cli.console import Invocation, print_json, print_result, standard_output, warn
 from climbplan.cli.options import Force, Json, Quiet, Verbose
 from climbplan.errors import UsageError
 
@@ -77,7 +77,7 @@ def merge(
     if done.dropped:
         warn(f"{done.dropped} rows left out: an earlier row holds the same problem")
     write_dataset_file(done.data, out)
-    context.ensure_object(Session).note(f"merge     {done.data.count} rows")
+    context.ensure_object(Invocation).note(f"merge     {done.data.count} rows")
     print_result(str(out))
 
 
@@ -119,7 +119,7 @@ def split(
     path = find_plan(file)
     dataset = _read(path)
     masks = divided(dataset, test, seed)
-    context.ensure_object(Session).note(
+    context.ensure_object(Invocation).note(
         f"split     {int(masks.train.sum())} train, {int(masks.test.sum())} test"
     )
     if files is None:

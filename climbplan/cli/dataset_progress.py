@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
-from climbplan.cli.console import Session
+from climbplan.cli.console import Invocation
 
 if TYPE_CHECKING:
     from climbplan.datasets.run import Count
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 class DatasetProgress:
     """Context whose `report` is the run's callback; shows nothing but on a terminal."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Invocation) -> None:
         self._enabled = session.shows_progress
         self._bar: Any = None
         self._task: Any = None

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from climbplan.api.plan_path import find_plan
-from climbplan.cli.console import Session, print_result, standard_output, warn
+from climbplan.cli.console import Invocation, print_result, standard_output, warn
 from climbplan.cli.options import Force, Quiet, Verbose
 from climbplan.errors import UsageError
 
@@ -181,7 +181,7 @@ def _write_instances(
     from climbplan.instances.families import COUNT
     from climbplan.instances.writing import KNOWN_SEED, write_set
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     set_seed = KNOWN_SEED if seed is None else seed
     each = COUNT if count is None else count
     with OutputDirectory(target, force) as output, StageProgress(session) as progress:
@@ -213,7 +213,7 @@ def _write_regulator(
         took = write_regulator(path, options.gains, output.path)
         mark_unverified(output.path, remark)
         output.publish()
-    context.ensure_object(Session).note(
+    context.ensure_object(Invocation).note(
         f"a tick takes {1e6 * took.median:.0f} us here "
         f"(median; 99 %: {1e6 * took.percentile_99:.0f} us)"
     )

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.console import Invocation, print_json, print_result
 from climbplan.cli.options import Force, Json, Method, Out, Quiet, Seed, Set, Spec, Verbose
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ def fit_envelopes(
     from climbplan.climb.schema.envelopes_loading import load_envelopes
     from climbplan.schema.robots.source import load_any_robot
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     overrides = key_overrides(
         assignments, ("seed", "--seed", seed), ("fit.method", "--method", method)
     )

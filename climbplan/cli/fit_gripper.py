@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.console import Invocation, print_json, print_result
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Verbose
 
 
@@ -29,7 +29,7 @@ def fit_gripper(
     """
     from climbplan.cli.output_directory import OutputDirectory
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     target = out if out is not None else Path("outputs", data.stem)
     with OutputDirectory(target, force=force) as directory:
         from climbplan.mechanics.gripper import cross_validate, read_grips

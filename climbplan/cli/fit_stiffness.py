@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.console import Invocation, print_json, print_result
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Verbose
 from climbplan.errors import UsageError
 
@@ -50,7 +50,7 @@ def fit_stiffness(
     from climbplan.schema.fields import find_closest_name
     from climbplan.schema.robots.source import load_any_robot
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     limb_of = build_robot(load_any_robot(robot))
     names = limb_of.limb_names
     if limb is not None and limb not in names:

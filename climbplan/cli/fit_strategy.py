@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.console import Invocation, print_json, print_result
 from climbplan.cli.options import Force, Json, Method, Out, Quiet, Seed, Set, Spec, Verbose
 from climbplan.cli.solve_problem import ProblemName, load_problem, run_user_code
 from climbplan.errors import UsageError
@@ -47,7 +47,7 @@ def fit_strategy(
     from climbplan.cli.spec_options import key_overrides
     from climbplan.schema.learning.strategy_loading import load_strategy
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     overrides = key_overrides(
         assignments, ("seed", "--seed", seed), ("model.kind", "--method", method)
     )

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.console import Invocation, print_json, print_result
 from climbplan.cli.options import Force, Json, Out, Quiet, Verbose
 from climbplan.cli.quick import NoReport
 from climbplan.errors import UsageError
@@ -52,7 +52,7 @@ def fit_terrain(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     target = out if out is not None else Path("outputs", f"{file.stem}_terrain")
     if holds is not None:
         _fit_holds(session, file, target, holds, settings or [], as_json, force=force)
@@ -77,7 +77,7 @@ def fit_terrain(
 
 
 def _fit_holds(
-    session: Session,
+    session: Invocation,
     file: Path,
     target: Path,
     opening: float,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from climbplan.api.plan_path import DATASET_FILE
-from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.console import Invocation, print_json, print_result, warn
 from climbplan.cli.dataset_progress import DatasetProgress
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
 from climbplan.cli.solve_problem import ProblemName, load_problem, run_user_code
@@ -69,7 +69,7 @@ def gen_data(
     from climbplan.cli.spec_options import key_overrides
     from climbplan.datasets.schema.loading import load_dataset
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     overrides = key_overrides(
         assignments,
         ("seed", "--seed", seed),

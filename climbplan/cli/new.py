@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session, print_result
+from climbplan.cli.console import Invocation, print_result
 from climbplan.cli.options import Force, Quiet, Verbose
 from climbplan.errors import UsageError
 
@@ -110,7 +110,7 @@ def new(
     ]
     if other_examples:
         listed = ", ".join(other_examples)
-        context.ensure_object(Session).note(f"other examples (--example NAME): {listed}")
+        context.ensure_object(Invocation).note(f"other examples (--example NAME): {listed}")
     print_result(str(target))
 
 
@@ -170,7 +170,7 @@ def _write_new_robot(
     from climbplan.api.new_robot import list_file_names, new_robot
     from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     path = urdf if urdf is not None else find_package_urdf(package or "")
     _refuse_existing((directory / name for name in list_file_names(path)), force)
     robot_files = new_robot(path, directory, session.note, toes)

@@ -7,16 +7,16 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session
+from climbplan.cli.console import Invocation
 
 
 def _quiet(context: typer.Context, value: bool) -> bool:
-    context.ensure_object(Session).quiet = value
+    context.ensure_object(Invocation).quiet = value
     return value
 
 
 def _verbose(context: typer.Context, value: bool) -> bool:
-    context.ensure_object(Session).verbose = value
+    context.ensure_object(Invocation).verbose = value
     return value
 
 

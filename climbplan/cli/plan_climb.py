@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from climbplan.cli.console import Session
+from climbplan.cli.console import Invocation
 from climbplan.cli.model_path import check_model_path
 from climbplan.cli.options import (
     Force,
@@ -54,7 +54,7 @@ def plan_climb(
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.climb.schema.loading import load_climb
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     overrides = quick_overrides("climb", quick)
     overrides += spec_overrides(assignments, seed, time_limit, method, solver)
     loaded = load_climb(spec, overrides)

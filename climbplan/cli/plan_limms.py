@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import typer
 
-from climbplan.cli.console import Session
+from climbplan.cli.console import Invocation
 from climbplan.cli.options import (
     Force,
     Json,
@@ -47,7 +47,7 @@ def plan_limms(
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.limms.schema.loading import load_limms
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     overrides = quick_overrides("limms", quick)
     overrides += spec_overrides(assignments, seed, time_limit, method)
     loaded = load_limms(spec, overrides)

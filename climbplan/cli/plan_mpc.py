@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session
+from climbplan.cli.console import Invocation
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, TimeLimit, Verbose
 from climbplan.cli.quick import NoReport, QuickWalk, quick_overrides
 
@@ -41,7 +41,7 @@ def plan_mpc(
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.walking.schema.loading import load_mpc
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     overrides = quick_overrides("mpc", quick)
     overrides += spec_overrides(assignments, seed, time_limit, method)
     loaded = load_mpc(spec, overrides)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from climbplan.api.kinds import identify_kind
 from climbplan.api.plan_path import PLAN_FILE
-from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.console import Invocation, print_json, print_result, warn
 from climbplan.cli.output_directory import OutputDirectory
 from climbplan.cli.progress import StageProgress
 from climbplan.cli.verify_line import (
@@ -35,7 +35,7 @@ REPORT = "report.json"
 class PlanRun:
     """A planner run whose files are in a hidden directory until they are complete."""
 
-    session: Session
+    session: Invocation
     target: Path  # where they appear
     directory: Path  # where they are written
     report: Callable[[str, float], None]  # progress: stage, share that is done
@@ -97,7 +97,7 @@ class PlanRun:
 
 @contextmanager
 def plan_run(
-    session: Session, loaded: LoadedSpec, out: Path | None, force: bool, report: bool = True
+    session: Invocation, loaded: LoadedSpec, out: Path | None, force: bool, report: bool = True
 ) -> Iterator[PlanRun]:
     """Context that calls `make`; the output directory appears when it ends well.
 

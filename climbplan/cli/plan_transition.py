@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session
+from climbplan.cli.console import Invocation
 from climbplan.cli.options import (
     Force,
     Json,
@@ -61,7 +61,7 @@ def plan_transition(
     from climbplan.climb.schema.transition_loading import load_transition
     from climbplan.schema.overrides import Override
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     overrides = quick_overrides("transition", quick)
     overrides += spec_overrides(assignments, seed, time_limit, method)
     if rounds is None and sequence is not None:

@@ -7,7 +7,7 @@ import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
-from climbplan.cli.console import Session
+from climbplan.cli.console import Invocation
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -18,7 +18,7 @@ DELAY = 1.0  # [s] a stage that ends sooner shows nothing
 class StageProgress:
     """Context whose `report(stage, fraction)` is the planners' progress callback."""
 
-    def __init__(self, session: Session) -> None:
+    def __init__(self, session: Invocation) -> None:
         self._session = session
         self._enabled = session.shows_progress
         self._lock = threading.RLock()

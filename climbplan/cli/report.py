@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from climbplan.api.plan_path import find_plan
-from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.console import Invocation, print_json, print_result
 from climbplan.cli.options import Force, Json, Plan, Quiet, Verbose
 from climbplan.cli.output_directory import OutputDirectory
 from climbplan.errors import UsageError
@@ -97,7 +97,7 @@ def report(
     plan_folder = path.parent
     target = out if out is not None else plan_folder
     is_plan_folder = target.resolve() == plan_folder.resolve()
-    with StageProgress(context.ensure_object(Session)) as progress:
+    with StageProgress(context.ensure_object(Invocation)) as progress:
         progress.report("report", 0.0)
         place_report(
             target,

@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from climbplan.api.plan_path import find_plan
-from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.console import Invocation, print_json, print_result, warn
 from climbplan.cli.options import Force, Jobs, Json, Out, Plan, Quiet, Seed, Verbose
 from climbplan.errors import UsageError, VerificationFailed
 
@@ -261,7 +261,7 @@ def simulate(
         from climbplan.cli.simulate_drake import DrakeOptions, OutputOptions, run_in_drake
 
         run_in_drake(
-            context.ensure_object(Session),
+            context.ensure_object(Invocation),
             path,
             DrakeOptions(
                 friction,
@@ -321,7 +321,7 @@ def simulate(
         engine="statics" if engine is SimulationEngine.statics else "mujoco",
         rare=rare,
     )
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     warn_of_failure(identify_kind(path), path)
     name, run = kind(path)
     target = out if out is not None else Path("outputs", f"{name}_simulation")

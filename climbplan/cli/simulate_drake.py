@@ -6,7 +6,7 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.console import Invocation, print_json, print_result
 from climbplan.errors import VerificationFailed
 
 
@@ -35,7 +35,7 @@ class OutputOptions:
 
 
 def run_in_drake(
-    session: Session, plan: Path, options: DrakeOptions, output: OutputOptions
+    session: Invocation, plan: Path, options: DrakeOptions, output: OutputOptions
 ) -> None:
     """Play a plan in Drake, write the result, and print its path or the report.
 

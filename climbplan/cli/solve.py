@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from climbplan.api.plan_path import PLAN_FILE
-from climbplan.cli.console import Session, print_json, print_result, warn
+from climbplan.cli.console import Invocation, print_json, print_result, warn
 from climbplan.cli.options import (
     Force,
     Json,
@@ -93,7 +93,7 @@ def solve(
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.schema.program.loading import load_program
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     if solver and len(solver) > 1:
         raise UsageError("--solver: one solver expected, methods here use one")
     only = solver[0] if solver else None

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from climbplan.cli.console import Session
+from climbplan.cli.console import Invocation
 from climbplan.cli.model_path import check_model_path
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
 from climbplan.cli.quick import NoReport, QuickShelf, quick_overrides
@@ -62,7 +62,7 @@ def solve_bookshelf(
     from climbplan.cli.plan_run import plan_run
     from climbplan.cli.spec_options import spec_overrides
 
-    session = context.ensure_object(Session)
+    session = context.ensure_object(Invocation)
     overrides = quick_overrides("bookshelf", quick)
     overrides += spec_overrides(assignments, seed, time_limit, method, solver=solver)
     loaded = load_shelf(spec, overrides)

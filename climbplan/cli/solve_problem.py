@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from climbplan.cli.console import Session
+from climbplan.cli.console import Invocation
 from climbplan.errors import UsageError
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def load_problem(name: str) -> Problem:
 
 
 @contextmanager
-def run_user_code(session: Session) -> Iterator[None]:
+def run_user_code(session: Invocation) -> Iterator[None]:
     """Run the user's code with its standard output sent to standard error.
 
     With `--verbose`, print the traceback of an exception that a statement raised.

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from climbplan.cli.console import Session, print_json, print_result
+from climbplan.cli.console import Invocation, print_json, print_result
 from climbplan.cli.solve_problem import load_problem, run_user_code
 from climbplan.cli.verify_line import format_badge, warn_of_implausible
 from climbplan.errors import ExitCode, UsageError
@@ -27,7 +27,7 @@ def is_program_plan(path: Path) -> bool:
 
 
 def verify_program_plan(
-    path: Path, name: str | None, as_json: bool, session: Session, held: HeldSpec | None = None
+    path: Path, name: str | None, as_json: bool, session: Invocation, held: HeldSpec | None = None
 ) -> None:
     """Check a `climbplan/program` file, its blocks by the statement that `name` stands for.
 
@@ -61,7 +61,9 @@ def is_certificate(path: Path) -> bool:
     return read_plan_format(path) == FORMAT
 
 
-def verify_certificate_file(path: Path, name: str | None, as_json: bool, session: Session) -> None:
+def verify_certificate_file(
+    path: Path, name: str | None, as_json: bool, session: Invocation
+) -> None:
     """Check the proofs in a file, with `name` also whether they are about that statement."""
     from climbplan.store.certificate_file import read_certificates
     from climbplan.verification.certificates import verify_certificates
@@ -85,7 +87,9 @@ def is_program_dataset(path: Path) -> bool:
     return read_plan_format(path) == FORMAT and read_dataset_file(path).frame.kind == KIND
 
 
-def verify_program_dataset(path: Path, name: str | None, as_json: bool, session: Session) -> None:
+def verify_program_dataset(
+    path: Path, name: str | None, as_json: bool, session: Invocation
+) -> None:
     """Check a dataset of a stated program, as `verify_program_plan` does a plan.
 
     Raises:

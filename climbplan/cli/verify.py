@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from climbplan.api.plan_path import find_plan
-from climbplan.cli.console import Session, warn
+from climbplan.cli.console import Invocation, warn
 from climbplan.cli.options import Json, Plan, Quiet, Set, Verbose
 from climbplan.cli.solve_problem import ProblemName
 from climbplan.errors import UsageError
@@ -75,13 +75,13 @@ def verify(
     if is_certificate(path):
         if user_spec is not None:
             raise UsageError("--spec: a certificate is of its own spec's numbers")
-        verify_certificate_file(path, problem, as_json, context.ensure_object(Session))
+        verify_certificate_file(path, problem, as_json, context.ensure_object(Invocation))
         return
     if is_program_dataset(path):
-        verify_program_dataset(path, problem, as_json, context.ensure_object(Session))
+        verify_program_dataset(path, problem, as_json, context.ensure_object(Invocation))
         return
     if is_program_plan(path):
-        verify_program_plan(path, problem, as_json, context.ensure_object(Session), user_spec)
+        verify_program_plan(path, problem, as_json, context.ensure_object(Invocation), user_spec)
         return
     verification = identify_kind(path).verify(path, user_spec)
     if worlds:

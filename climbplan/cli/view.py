@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from climbplan.api.plan_path import find_plan
-from climbplan.cli.console import Session, print_result
+from climbplan.cli.console import Invocation, print_result
 from climbplan.cli.interrupts import interrupt_handled
 from climbplan.cli.options import Plan, Quiet, Verbose
 from climbplan.errors import UsageError
@@ -50,7 +50,7 @@ def view(
 
     with Viewer(scene, host, port) as viewer:
         print_result(viewer.address)
-        context.ensure_object(Session).note("Ctrl-C ends it")
+        context.ensure_object(Invocation).note("Ctrl-C ends it")
         if browser:
             webbrowser.open(viewer.address)
         try:

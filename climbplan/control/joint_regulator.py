@@ -149,7 +149,7 @@ def build_chains(tables: RegulatorTables) -> Chains:
     )
 
 
-class Pose:
+class BodyPoseEstimate:
     """Estimate of the body's pose, from toes that are assumed to stand still."""
 
     def __init__(self, tables: RegulatorTables, toes: Array | None = None) -> None:
@@ -349,7 +349,7 @@ class JointRegulator:
         self._times = tables.time.tolist()
         self._index, self._now = 0, self._times[0]
         self._chains = build_chains(tables)
-        self.pose = Pose(tables, toes)
+        self.pose = BodyPoseEstimate(tables, toes)
         self.corrections = Corrections(tables, place)
         if toes is not None:
             self.corrections.offset[:] = toes - tables.toes

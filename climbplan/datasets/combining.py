@@ -53,14 +53,14 @@ def merge(named_datasets: Sequence[tuple[str, Dataset]], drop_duplicates: bool =
 
 
 @dataclass(frozen=True)
-class Split:
+class TrainTestSplit:
     """Masks (n,) over the rows; rows that could not be drawn are in neither."""
 
     train: BoolArray
     test: BoolArray
 
 
-def split(data: Dataset, test_share: float, seed: int = 0) -> Split:
+def split(data: Dataset, test_share: float, seed: int = 0) -> TrainTestSplit:
     """Divide the problems of a dataset by chance; rows of one problem stay together.
 
     test_share: of the problems. Raises UsageError if one side would be empty.
@@ -78,7 +78,7 @@ def split(data: Dataset, test_share: float, seed: int = 0) -> Split:
         )
     chosen = np.random.default_rng(seed).permutation(problems)[:number]
     test = drawn & np.isin(hashes, chosen)
-    return Split(drawn & ~test, test)
+    return TrainTestSplit(drawn & ~test, test)
 
 
 def _mark_repeated(data: Dataset) -> BoolArray:

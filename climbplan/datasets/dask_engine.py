@@ -31,7 +31,7 @@ _LOCAL = re.compile(r"local-cluster:(\d+)")
 
 
 @dataclass
-class _Busy:
+class _BusyDaskWorker:
     """A worker at work."""
 
     address: str
@@ -64,7 +64,7 @@ class DaskEngine:
         self._addresses: frozenset[str] = frozenset()
         self._abandoned: set[str] = set()
         self._looked_at = -_LOOK
-        self._busy: dict[int, _Busy] = {}
+        self._busy: dict[int, _BusyDaskWorker] = {}
         self._ended: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._tickets = 0
 
@@ -124,7 +124,7 @@ class DaskEngine:
         self._tickets += 1
         ticket = self._tickets
         until = time.monotonic() + _START + self._recipe.row_seconds * len(chunk.rows)
-        self._busy[ticket] = _Busy(address, chunk, future, until)
+        self._busy[ticket] = _BusyDaskWorker(address, chunk, future, until)
         future.add_done_callback(lambda _: self._ended.put(ticket))
 
     def wait(self, seconds: float) -> list[Done]:
@@ -151,7 +151,7 @@ class DaskEngine:
                 done.append(Done(busy.chunk, lost="its worker was lost" if is_lost else "it hung"))
         return done
 
-    def _finish(self, busy: _Busy) -> Done:
+    def _finish(self, busy: _BusyDaskWorker) -> Done:
         if busy.future.status in ("cancelled", "lost"):
             return Done(busy.chunk, lost="its worker was lost")
         try:

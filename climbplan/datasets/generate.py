@@ -15,7 +15,7 @@ from climbplan.datasets.recipe import Recipe
 from climbplan.datasets.run import Count, run_rows
 from climbplan.datasets.schema.loading import LoadedDataset
 from climbplan.datasets.shards import ShardStore
-from climbplan.datasets.workspace import Identity, Workspace
+from climbplan.datasets.workspace import Identity, RunDirectory
 from climbplan.store.dataset import Dataset
 
 
@@ -60,7 +60,7 @@ def generate_rows(
     spec = loaded.spec
     frame = recipe.source().frame  # what cannot work at all fails here, before any worker
     identity = Identity.of(spec, frame, files)
-    with Workspace(options.target, identity, options.resume, options.force) as place:
+    with RunDirectory(options.target, identity, options.resume, options.force) as place:
         store = ShardStore(place.path, frame, identity.token, spec.count, spec.shard)
         try:
             begin = time.perf_counter()

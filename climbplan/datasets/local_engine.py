@@ -25,7 +25,7 @@ _START = 120.0  # [s] beyond the rows' own: imports, compilation
 
 
 @dataclass
-class _Busy:
+class _BusyProcess:
     """A worker at work."""
 
     pool: Any
@@ -41,7 +41,7 @@ class LocalEngine:
         self._recipe = recipe
         self._jobs = jobs
         self._free: list[Any] = []
-        self._busy: dict[int, _Busy] = {}
+        self._busy: dict[int, _BusyProcess] = {}
         self._ended: queue.SimpleQueue[int] = queue.SimpleQueue()
         self._tickets = 0
 
@@ -79,7 +79,7 @@ class LocalEngine:
         self._tickets += 1
         ticket = self._tickets
         until = time.monotonic() + _START + self._recipe.row_seconds * len(chunk.rows)
-        self._busy[ticket] = _Busy(pool, chunk, future, until)
+        self._busy[ticket] = _BusyProcess(pool, chunk, future, until)
         future.add_done_callback(lambda _: self._ended.put(ticket))
 
     def wait(self, seconds: float) -> list[Done]:
@@ -99,7 +99,7 @@ class LocalEngine:
             done.append(Done(busy.chunk, lost="its worker hung"))
         return done
 
-    def _finish(self, busy: _Busy) -> Done:
+    def _finish(self, busy: _BusyProcess) -> Done:
         try:
             rows = busy.future.result()
         except BrokenProcessPool as error:

@@ -57,7 +57,7 @@ def run_rows(
     """
     had = frozenset(present)
     missing = [index for index in range(store.count) if index not in had]
-    state = _State(store, seed, _Pending(missing), answered, len(had), report)
+    state = _RunProgress(store, seed, _Pending(missing), answered, len(had), report)
     try:
         while state.pending or state.working:
             while state.pending and engine.idle():
@@ -100,7 +100,7 @@ class _Pending:
         return Chunk(tuple(self._missing.popleft() for _ in range(min(size, len(self._missing)))))
 
 
-class _State:
+class _RunProgress:
     """What became of the rows so far."""
 
     def __init__(

@@ -63,7 +63,7 @@ class Identity:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-class Workspace:
+class RunDirectory:
     """Context: the working directory of the run into `target`, locked against other runs.
 
     Raises UsageError on entry if another run is at it, or a stopped run is there and `resume` is

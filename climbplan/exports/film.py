@@ -19,7 +19,7 @@ from PIL import Image
 from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.film_frames import HEIGHT, WIDTH, Frames
-from climbplan.reports.viewer.scene import Scene
+from climbplan.reports.viewer.scene import ViewerScene
 from climbplan.simulation.pictures import Picture
 from climbplan.store.atomic_file import replace_atomically
 
@@ -37,7 +37,7 @@ class _Kind:
 
 
 def write_film(
-    scene: Scene,
+    scene: ViewerScene,
     path: Path,
     headline: str = "",
     progress: Callable[[float], None] = lambda part: None,

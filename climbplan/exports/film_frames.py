@@ -13,7 +13,13 @@ from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.reports import palette
 from climbplan.reports.viewer.camera import compute_camera_path, measure_moving_parts
-from climbplan.reports.viewer.scene import Scene, Shape, Solids, compute_outline, interpolate
+from climbplan.reports.viewer.scene import (
+    Solids,
+    StaticMesh,
+    ViewerScene,
+    compute_outline,
+    interpolate,
+)
 from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Picture
 
@@ -40,7 +46,7 @@ class Frames:
     UsageError for scenes too large to draw.
     """
 
-    def __init__(self, scene: Scene, headline: str = "") -> None:
+    def __init__(self, scene: ViewerScene, headline: str = "") -> None:
         self._scene, self._headline = scene, headline
         mujoco = self._mujoco = load_mujoco()
         triangles = sum(len(shape.faces) for shape in scene.shapes)
@@ -115,7 +121,7 @@ class Frames:
         pen.text((WIDTH - 28, HEIGHT - 42), clock, palette.MUTED, self._small, anchor="ra")
         return np.asarray(image)
 
-    def _shape(self, shape: Shape) -> None:
+    def _shape(self, shape: StaticMesh) -> None:
         color = _parse_color(shape.color, min(shape.opacity, _SEEN_THROUGH))
         for corners in shape.vertices[shape.faces]:
             self._pen.triangle(corners, color)
@@ -244,7 +250,7 @@ def _parse_color(color: str, opacity: float = 1.0) -> Array:
     return np.array([*channels, opacity], np.float32)
 
 
-def _count_geoms(scene: Scene) -> int:
+def _count_geoms(scene: ViewerScene) -> int:
     """Return geoms of what moves, at most."""
     rods = 0 if scene.rods is None else len(scene.rods.radius)
     boxes = 0 if scene.boxes is None else len(scene.boxes.color)
@@ -252,14 +258,14 @@ def _count_geoms(scene: Scene) -> int:
     return rods + boxes + solids + (0 if scene.forces is None else scene.forces.point.shape[1])
 
 
-def _compute_view_direction(scene: Scene) -> Array:
+def _compute_view_direction(scene: ViewerScene) -> Array:
     """Return unit vector (3,) to where the scene is seen from."""
     azimuth, elevation = np.deg2rad([scene.azimuth_deg, scene.elevation_deg])
     flat = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth)])
     return np.append(flat, np.sin(elevation))
 
 
-def _compute_typical_force(scene: Scene) -> float:
+def _compute_typical_force(scene: ViewerScene) -> float:
     """Return the largest force of a sample, in the middle of all samples that have one [N]."""
     if scene.forces is None:
         return 1.0

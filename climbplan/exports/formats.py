@@ -9,7 +9,7 @@ from pathlib import Path
 from climbplan.errors import UsageError
 from climbplan.exports.gains import RIGID, read_gains
 from climbplan.exports.motion import (
-    JointMotion,
+    ExportedJoints,
     RobotMotion,
     convert_to_gains,
     convert_to_rigid_links,
@@ -70,7 +70,7 @@ def adapt_motion(motion: RobotMotion, options: ControllerOptions) -> RobotMotion
 
 
 def _apply_gains(
-    motion: RobotMotion, joints: JointMotion, options: ControllerOptions
+    motion: RobotMotion, joints: ExportedJoints, options: ControllerOptions
 ) -> RobotMotion:
     """Return the motion with commands for other gains; the first of its notes describes them."""
     if motion.sampler is not None:  # torques of a walk jump, so they are always a feed-forward

@@ -30,7 +30,7 @@ class BodyMotion:
 
 
 @dataclass(frozen=True)
-class JointMotion:
+class ExportedJoints:
     """J joints, T samples; of joints that slide in m for rad and N for N m."""
 
     names: tuple[str, ...]
@@ -92,7 +92,7 @@ class LatchMotion:
 
 
 @dataclass(frozen=True)
-class LimbShape:
+class LimbLinks:
     """A limb as links between points, T samples, world frame."""
 
     name: str
@@ -108,11 +108,11 @@ class RobotMotion:
     robot: str
     time: Array  # (T,) [s], increasing
     bodies: tuple[BodyMotion, ...]
-    joints: JointMotion | None
+    joints: ExportedJoints | None
     contacts: ContactMotion | None
     latches: LatchMotion | None = None  # of modules
     base: BodyMotion | None = None  # root link of the URDF; None: the robot has none
-    limbs: tuple[LimbShape, ...] = ()
+    limbs: tuple[LimbLinks, ...] = ()
     body_size: Array | None = None  # (3,) half lengths of the first body's box [m]
     surfaces: tuple[Array, ...] = ()  # (V, 3) corners of each [m]
     words: tuple[str, ...] = ()  # what users of the file have to know
@@ -196,8 +196,8 @@ def unwrap_quaternions(quaternion: Array) -> Array:
 
 
 def convert_to_gains(
-    joints: JointMotion, gain: Array, feedforward: bool, time: Array
-) -> JointMotion:
+    joints: ExportedJoints, gain: Array, feedforward: bool, time: Array
+) -> ExportedJoints:
     """Return commands that bring the same torques at the same angles under P gains (J,) [N m/rad].
 
     tau = gain (command - angle) + feedforward: with feed-forward all torques are told apart and
@@ -222,7 +222,7 @@ def convert_to_gains(
     )
 
 
-def replace_gain(joints: JointMotion, gain: Array) -> JointMotion:
+def replace_gain(joints: ExportedJoints, gain: Array) -> ExportedJoints:
     """Return joints whose controllers have P gains (J,) [N m/rad], and D gains that go with them.
 
     Commands are left as they are.
@@ -234,7 +234,9 @@ def replace_gain(joints: JointMotion, gain: Array) -> JointMotion:
     return replace(joints, gain=gain, limits=limits)
 
 
-def convert_to_rigid_links(joints: JointMotion, feedforward: bool, time: Array) -> JointMotion:
+def convert_to_rigid_links(
+    joints: ExportedJoints, feedforward: bool, time: Array
+) -> ExportedJoints:
     """Return the motion for simulators whose links do not bend: gains K (1 - share), angles of the
     links.
 

@@ -11,7 +11,7 @@ import yaml
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.exports.damping import update_rate
-from climbplan.exports.motion import JointMotion, RobotMotion
+from climbplan.exports.motion import ExportedJoints, RobotMotion
 from climbplan.exports.ros_messages import convert_to_nanoseconds
 
 CONTROLLER = "joint_trajectory_controller"
@@ -44,7 +44,7 @@ def _write_head(motion: RobotMotion) -> str:
     return "".join(f"# {line}\n" for line in comments)
 
 
-def _build_parameters(joints: JointMotion) -> dict[str, object]:
+def _build_parameters(joints: ExportedJoints) -> dict[str, object]:
     by_torque = bool((joints.gain > 0).all())
     damping = np.zeros_like(joints.gain) if joints.limits is None else joints.limits.damping
     rate = update_rate(damping, joints.gain) if by_torque else POSITION_RATE
@@ -78,7 +78,7 @@ def _build_parameters(joints: JointMotion) -> dict[str, object]:
     }
 
 
-def _write_goal(motion: RobotMotion, joints: JointMotion) -> Iterator[str]:
+def _write_goal(motion: RobotMotion, joints: ExportedJoints) -> Iterator[str]:
     """Yield YAML of a FollowJointTrajectory goal, a point a line."""
     yield from (f"# {line}" for line in motion.words)
     yield f"# A goal of {_GOAL}, control_msgs/action/FollowJointTrajectory;"

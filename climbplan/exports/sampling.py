@@ -13,7 +13,7 @@ from climbplan.errors import UsageError
 from climbplan.exports.motion import (
     BodyMotion,
     ContactMotion,
-    JointMotion,
+    ExportedJoints,
     RobotMotion,
     require_increasing,
     unwrap_quaternions,
@@ -115,7 +115,7 @@ def _interpolate_spline(time: Array, values: Array, new_time: Array, order: int 
     return np.asarray(samples)
 
 
-def _sample_joints(time: Array, joints: JointMotion, new_time: Array) -> JointMotion:
+def _sample_joints(time: Array, joints: ExportedJoints, new_time: Array) -> ExportedJoints:
     return replace(
         joints,
         command=_interpolate_spline(time, joints.command, new_time),
@@ -224,7 +224,9 @@ def _select_samples(body: BodyMotion, index: IntArray) -> BodyMotion:
     return BodyMotion(body.name, body.position[index], body.quaternion[index])
 
 
-def _scale_load(joints: JointMotion, index: IntArray, load: Array, rate: Array) -> JointMotion:
+def _scale_load(
+    joints: ExportedJoints, index: IntArray, load: Array, rate: Array
+) -> ExportedJoints:
     """Return joints whose part by loads is what `load` (M,) says, which changes by `rate` (M,)
     [1/s].
     """

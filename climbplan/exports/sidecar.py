@@ -6,7 +6,7 @@ import json
 import math
 from pathlib import Path
 
-from climbplan.exports.motion import JointMotion, RobotMotion
+from climbplan.exports.motion import ExportedJoints, RobotMotion
 from climbplan.store.atomic_file import replace_atomically
 
 FORMAT, VERSION = "climbplan/motion", 1
@@ -61,7 +61,7 @@ def collect_facts(motion: RobotMotion) -> dict[str, object]:
     }
 
 
-def _list_joints(joints: JointMotion) -> list[dict[str, object]]:
+def _list_joints(joints: ExportedJoints) -> list[dict[str, object]]:
     rows = []
     for j, name in enumerate(joints.names):
         row: dict[str, object] = {

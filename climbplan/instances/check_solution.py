@@ -32,7 +32,7 @@ _HUGE = 1e19  # SCIP's and the formats' infinity
 
 
 @dataclass(frozen=True)
-class Model:
+class SolverModel:
     """Minimise objective(v) subject to lower <= v <= upper, row_lower <= rows(v) <= row_upper."""
 
     names: tuple[str, ...]
@@ -47,7 +47,7 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class PointViolations:
     """Value and worst violations of a point."""
 
     objective: float
@@ -61,7 +61,7 @@ class Verdict:
         return max(self.rows, self.bounds, self.integrality) <= TOLERANCE
 
 
-def read_instance(path: Path) -> Model:
+def read_instance(path: Path) -> SolverModel:
     """Read the model in a file.
 
     Raises:
@@ -93,7 +93,7 @@ def read_solution(path: Path) -> dict[str, float]:
     return values
 
 
-def check(model: Model, values: dict[str, float]) -> Verdict:
+def check(model: SolverModel, values: dict[str, float]) -> PointViolations:
     """Check a solution.
 
     Raises:
@@ -118,7 +118,7 @@ def check(model: Model, values: dict[str, float]) -> Verdict:
         float(violation.max(initial=0.0))
         for violation in (row_violation, bound_violation, fraction)
     ]
-    return Verdict(model.objective(v), *worst)
+    return PointViolations(model.objective(v), *worst)
 
 
 def _compute_violation(small: Array, large: Array) -> Array:
@@ -128,7 +128,7 @@ def _compute_violation(small: Array, large: Array) -> Array:
     return np.asarray(difference / np.maximum(1.0, np.minimum(np.abs(small), np.abs(large))))
 
 
-def _complete_values(model: Model, v: Array, is_known: BoolArray) -> Array:
+def _complete_values(model: SolverModel, v: Array, is_known: BoolArray) -> Array:
     """Compute missing values, each from a row in which no other one is missing."""
     while not is_known.all():
         missing = np.flatnonzero(~is_known)
@@ -170,7 +170,7 @@ def _check_mps(path: Path) -> None:
         raise ValueError(f"{path}: expected an .mps file, which ends with ENDATA")
 
 
-def _read_mps(path: Path) -> Model:
+def _read_mps(path: Path) -> SolverModel:
     """Read an .mps file with SCIP."""
     import pyscipopt
 
@@ -202,7 +202,7 @@ def _read_mps(path: Path) -> Model:
     def rows(v: Array) -> Array:
         return np.asarray(np.bincount(r, value * v[c], minlength=count), float)
 
-    return Model(
+    return SolverModel(
         names=tuple(v.name for v in variables),
         lower=_replace_infinite(np.array([v.getLbOriginal() for v in variables])),
         upper=_replace_infinite(np.array([v.getUbOriginal() for v in variables])),
@@ -227,7 +227,7 @@ def _check_nl(path: Path) -> None:
         )
 
 
-def _read_nl(path: Path) -> Model:
+def _read_nl(path: Path) -> SolverModel:
     """Read an .nl file with CasADi."""
     import casadi as ca
 
@@ -239,7 +239,7 @@ def _read_nl(path: Path) -> Model:
     f: Any = ca.Function("f", [v], [file.f])
     rows: Any = ca.Function("g", [v], [g])
     slopes: Any = ca.Function("J", [v], [ca.jacobian(g, v)])
-    return Model(
+    return SolverModel(
         names=tuple(path.with_suffix(".col").read_text().split()),
         lower=_replace_infinite(np.array(file.x_lb, float)),
         upper=_replace_infinite(np.array(file.x_ub, float)),

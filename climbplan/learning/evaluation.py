@@ -18,7 +18,7 @@ _BINS = np.linspace(0.0, 1.0, 6)
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class RankingEvaluation:
     """Ranks of the optimum's integers (or cluster) among candidates, for T held-out problems."""
 
     place: IntArray  # (T,) rank from 0; -1 if not among the candidates
@@ -69,7 +69,7 @@ def select_held_out(groups: IntArray, fraction: float, seed: int) -> BoolArray:
 
 def evaluate(
     model: StrategyModel, test: Library, hard: Sequence[bool] | BoolArray, max_candidates: int = 50
-) -> Evaluation:
+) -> RankingEvaluation:
     """Rank the candidates of a model for solved problems on which it was not trained."""
     strategy = model.create_strategy()
     key = _build_keys(model.library)
@@ -86,7 +86,7 @@ def evaluate(
             probability[k] = float(model.classifier.probabilities(test.features[k]).max())
     if model.kind == "reduce":
         probability[:] = np.nan  # its probabilities are of clusters, not of integers
-    return Evaluation(place, probability, np.asarray(hard, bool))
+    return RankingEvaluation(place, probability, np.asarray(hard, bool))
 
 
 def _build_keys(library: Library) -> IntArray:

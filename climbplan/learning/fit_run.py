@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.learning.clusters import OUTLIER, ClusterOptions
-from climbplan.learning.evaluation import Evaluation, evaluate, select_held_out
+from climbplan.learning.evaluation import RankingEvaluation, evaluate, select_held_out
 from climbplan.learning.library import Library
 from climbplan.learning.model import FitOptions, StrategyModel, fit_strategy
 from climbplan.learning.model_file import ModelFile, mark_verified, read_model, write_model
@@ -42,7 +42,7 @@ class TrainedModel:
     """A model of all rows, and the evaluation of one of fewer rows on the held-out rows."""
 
     model: StrategyModel
-    evaluation: Evaluation | None  # None if nothing was held out
+    evaluation: RankingEvaluation | None  # None if nothing was held out
     test_rows: int
     seconds: Mapping[str, float] = field(default_factory=dict)
 

@@ -16,23 +16,23 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.program import Program
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_text
 
 FORMAT = "climbplan/library"
 FORMAT_VERSION = 1
-_FEATURES = Layout(("S", "p"))
-_POINTS = Layout(("S", "N"))
-_OBJECTIVE = Layout(("S",))
-_ALTERNATIVES = Layout(("S", "C"), kind="int")
-_LABELS = Layout(("S", "L"), kind="int")
-_INTEGER = Layout(("N",), kind="bool")
-_OPTIONS = Layout(("C",), kind="int")
+_FEATURES = DatasetLayout(("S", "p"))
+_POINTS = DatasetLayout(("S", "N"))
+_OBJECTIVE = DatasetLayout(("S",))
+_ALTERNATIVES = DatasetLayout(("S", "C"), kind="int")
+_LABELS = DatasetLayout(("S", "L"), kind="int")
+_INTEGER = DatasetLayout(("N",), kind="bool")
+_OPTIONS = DatasetLayout(("C",), kind="int")
 
 
 @dataclass(frozen=True)
-class Frame:
+class ProgramSignature:
     """Properties in which a library and a program must agree."""
 
     name: str  # name of the program
@@ -40,7 +40,7 @@ class Frame:
     options: IntArray  # (C,) number of alternatives of each choice
 
     @classmethod
-    def of(cls, program: Program) -> Frame:
+    def of(cls, program: Program) -> ProgramSignature:
         """Return the frame of a program."""
         blocks = program.blocks
         integer = [np.full(v.lower.size, v.integer) for v in blocks.variables]
@@ -56,7 +56,7 @@ class Frame:
 class Library:
     """S solved problems of one program, with U different strategies."""
 
-    frame: Frame
+    frame: ProgramSignature
     features: Array  # (S, p)
     points: Array  # (S, N) integers rounded
     objective: Array  # (S,)
@@ -70,7 +70,7 @@ class Library:
     @classmethod
     def of(
         cls,
-        frame: Frame,
+        frame: ProgramSignature,
         features: Array,
         points: Array,
         objective: Array,
@@ -155,7 +155,7 @@ class Library:
         Raises:
             UsageError: It is not.
         """
-        expected = Frame.of(program)
+        expected = ProgramSignature.of(program)
         is_same = np.array_equal(expected.integer, self.frame.integer)
         is_same = is_same and np.array_equal(expected.options, self.frame.options)
         if not is_same or expected.name != self.frame.name:
@@ -203,7 +203,7 @@ def read_library(path: Path) -> Library:
         version = reader.integer("", "format_version")
         if version != FORMAT_VERSION:
             raise reader.refuse(f"format version {version}, expected {FORMAT_VERSION}")
-        frame = Frame(
+        frame = ProgramSignature(
             reader.text("", "program"),
             reader.array("integer", _INTEGER),
             reader.array("options", _OPTIONS),

@@ -22,11 +22,11 @@ import h5py
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.learning.boosting import Boosting
 from climbplan.learning.forest import Forest
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Library, ProgramSignature
 from climbplan.learning.model import MODEL_KINDS, StrategyModel
 from climbplan.learning.network import Network
 from climbplan.learning.trees import Trees
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets
 from climbplan.store.root_attributes import Origin, read_root, require_other, write_root
@@ -35,41 +35,44 @@ FORMAT = "climbplan/strategy"
 FORMAT_VERSION = 1
 
 _LIBRARY = {
-    "features": Layout(("S", "p")),
-    "points": Layout(("S", "N")),
-    "objective": Layout(("S",)),
-    "alternatives": Layout(("S", "C"), kind="int"),
-    "labels": Layout(("S", "tags"), kind="int"),
+    "features": DatasetLayout(("S", "p")),
+    "points": DatasetLayout(("S", "N")),
+    "objective": DatasetLayout(("S",)),
+    "alternatives": DatasetLayout(("S", "C"), kind="int"),
+    "labels": DatasetLayout(("S", "tags"), kind="int"),
 }
-_FRAME = {"integer": Layout(("N",), kind="bool"), "options": Layout(("C",), kind="int")}
+_FRAME = {
+    "integer": DatasetLayout(("N",), kind="bool"),
+    "options": DatasetLayout(("C",), kind="int"),
+}
 _TREES = {
-    "root": Layout(("T",), kind="int"),
-    "feature": Layout(("M",), kind="int"),
-    "threshold": Layout(("M",)),
-    "left": Layout(("M",), kind="int"),
-    "right": Layout(("M",), kind="int"),
+    "root": DatasetLayout(("T",), kind="int"),
+    "feature": DatasetLayout(("M",), kind="int"),
+    "threshold": DatasetLayout(("M",)),
+    "left": DatasetLayout(("M",), kind="int"),
+    "right": DatasetLayout(("M",), kind="int"),
 }
 _FOREST = {
-    "first": Layout(("M1",), kind="int"),
-    "label": Layout(("E",), kind="int"),
-    "share": Layout(("E",)),
+    "first": DatasetLayout(("M1",), kind="int"),
+    "label": DatasetLayout(("E",), kind="int"),
+    "share": DatasetLayout(("E",)),
 }
 _BOOSTING = {
-    "value": Layout(("M",)),
-    "option": Layout(("T",), kind="int"),
-    "baseline": Layout(("R",)),
-    "choice": Layout(("H1",), kind="int"),
-    "level": Layout(("U", "H"), kind="int"),
+    "value": DatasetLayout(("M",)),
+    "option": DatasetLayout(("T",), kind="int"),
+    "baseline": DatasetLayout(("R",)),
+    "choice": DatasetLayout(("H1",), kind="int"),
+    "level": DatasetLayout(("U", "H"), kind="int"),
 }
 _NETWORK = {
-    "sizes": Layout(("L",), kind="int"),
-    "weight": Layout(("W",)),
-    "bias": Layout(("B",)),
-    "mean": Layout(("p",)),
-    "scale": Layout(("p",)),
+    "sizes": DatasetLayout(("L",), kind="int"),
+    "weight": DatasetLayout(("W",)),
+    "bias": DatasetLayout(("B",)),
+    "mean": DatasetLayout(("p",)),
+    "scale": DatasetLayout(("p",)),
 }
-_SCALE = Layout(("p",))
-_CLUSTER = Layout(("S",), kind="int")
+_SCALE = DatasetLayout(("p",))
+_CLUSTER = DatasetLayout(("S",), kind="int")
 _CLASSIFIERS = {
     "forest": _TREES | _FOREST,
     "boosting": _TREES | _BOOSTING,
@@ -179,7 +182,7 @@ def _read_model_file(reader: Reader) -> ModelFile:
         raise reader.refuse(f"kind {kind_text!r}, expected one of {', '.join(MODEL_KINDS)}")
     part = _OF_KIND[kind]
     _require_members(reader, kind, part)
-    frame = Frame(
+    frame = ProgramSignature(
         reader.text("", "program"),
         reader.array("library/integer", _FRAME["integer"]),
         reader.array("library/options", _FRAME["options"]),

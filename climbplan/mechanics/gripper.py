@@ -20,7 +20,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from climbplan.arrays import Array
 from climbplan.errors import SpecError, SpecMistake, UsageError
-from climbplan.mechanics.gripper_model import MAX_ROWS, GripperModel, Prediction
+from climbplan.mechanics.gripper_model import MAX_ROWS, GripperModel, ShearPrediction
 from climbplan.reading import read_text, reading
 
 COLUMNS = ("alpha_deg", "beta_deg", "gamma_deg", "friction")
@@ -31,7 +31,7 @@ _RESTARTS = 2
 
 
 @dataclass(frozen=True)
-class Grips:
+class ShearMeasurements:
     """Measured shear forces."""
 
     state: Array  # (n, 4) alpha, beta, gamma [rad], friction
@@ -42,17 +42,17 @@ class Grips:
 class Calibration:
     """Cross-validated predictions compared with measurements."""
 
-    held_out: Prediction  # of every row by a model that did not see it
+    held_out: ShearPrediction  # of every row by a model that did not see it
     rmse: float  # [N]
     levels: Array  # (q,) confidence of a lower bound
     covered: Array  # (q,) fraction of held-out forces above it
 
-    def share_above(self, grips: Grips, confidence: float) -> float:
+    def share_above(self, grips: ShearMeasurements, confidence: float) -> float:
         """Return the fraction of held-out forces above the lower bound of a confidence."""
         return float((grips.force >= self.held_out.bound(1 - confidence)).mean())
 
 
-def read_grips(path: Path) -> Grips:
+def read_grips(path: Path) -> ShearMeasurements:
     """Read measured grips from CSV (alpha_deg, beta_deg, gamma_deg, friction, force_N).
 
     Raises:
@@ -90,10 +90,10 @@ def read_grips(path: Path) -> Grips:
     if len(rows) < _MIN_ROWS:
         raise UsageError(f"{path}: {len(rows)} grips, expected at least {_MIN_ROWS}")
     data = np.array(rows)
-    return Grips(np.column_stack([np.deg2rad(data[:, :3]), data[:, 3]]), data[:, 4])
+    return ShearMeasurements(np.column_stack([np.deg2rad(data[:, :3]), data[:, 3]]), data[:, 4])
 
 
-def fit_gripper(grips: Grips, seed: int = 0) -> GripperModel:
+def fit_gripper(grips: ShearMeasurements, seed: int = 0) -> GripperModel:
     """Fit sigma_f, l and sigma_n by maximum marginal likelihood."""
     center = grips.state.mean(axis=0)
     scale = grips.state.std(axis=0)
@@ -117,17 +117,19 @@ def fit_gripper(grips: Grips, seed: int = 0) -> GripperModel:
     )
 
 
-def cross_validate(grips: Grips, folds: int = 10, seed: int = 0) -> Calibration:
+def cross_validate(grips: ShearMeasurements, folds: int = 10, seed: int = 0) -> Calibration:
     """Predict every row by models fitted to the other folds."""
     rng = np.random.default_rng(seed)
     fold = rng.permutation(len(grips.force)) % folds
     mean, deviation = np.empty(len(fold)), np.empty(len(fold))
     for test_fold in range(folds):
         is_training, is_test = fold != test_fold, fold == test_fold
-        model = fit_gripper(Grips(grips.state[is_training], grips.force[is_training]), seed)
+        model = fit_gripper(
+            ShearMeasurements(grips.state[is_training], grips.force[is_training]), seed
+        )
         prediction = model.predict(grips.state[is_test])
         mean[is_test], deviation[is_test] = prediction.mean, prediction.deviation
-    held_out = Prediction(mean, deviation)
+    held_out = ShearPrediction(mean, deviation)
     levels = np.linspace(0.05, 0.99, 48)
     covered = np.array([(grips.force >= held_out.bound(1 - level)).mean() for level in levels])
     rmse = float(np.sqrt(np.mean((mean - grips.force) ** 2)))

@@ -31,7 +31,7 @@ _NUMBERS = ("signal", "length", "noise")
 
 
 @dataclass(frozen=True)
-class Prediction:
+class ShearPrediction:
     """The predicted shear force of a gripper at some states."""
 
     mean: Array  # (m,) [N]
@@ -54,7 +54,7 @@ class GripperModel:
     length: float  # l, on standardised inputs
     noise: float  # sigma_n [N]
 
-    def predict(self, state: Array) -> Prediction:
+    def predict(self, state: Array) -> ShearPrediction:
         """Return mean and standard deviation at states (m, 4), eqs. (3.5), (3.6)."""
         offset = float(self.force.mean())
         factor = cholesky(
@@ -65,7 +65,7 @@ class GripperModel:
         mean = offset + across.T @ cho_solve((factor, True), self.force - offset)
         explained = np.einsum("nm,nm->m", across, cho_solve((factor, True), across))
         variance = np.maximum(self.signal**2 - explained, 0.0) + self.noise**2
-        return Prediction(mean, np.sqrt(variance))
+        return ShearPrediction(mean, np.sqrt(variance))
 
     def _kernel(self, first: Array, second: Array) -> Array:
         a, b = ((s - self.center) / (self.scale * self.length) for s in (first, second))

@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Library, ProgramSignature
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import Method, MethodSettings, SharedCache
 from climbplan.program.problem import Problem
@@ -39,7 +39,7 @@ class ProgramRows:
         self._problem, self._method, self._settings = problem, method, settings
         self._frame = build_frame(problem)
         self._shared = SharedCache()
-        self._integer = Frame.of(problem.program).integer
+        self._integer = ProgramSignature.of(problem.program).integer
 
     @property
     def frame(self) -> DatasetFrame:
@@ -84,7 +84,7 @@ class ProgramRows:
 def build_frame(problem: Problem) -> DatasetFrame:
     """Build the columns of parameters and variables that rows of a problem share."""
     layouts = Layouts.of(problem.program)
-    integer = Frame.of(problem.program).integer
+    integer = ProgramSignature.of(problem.program).integer
     names = [
         f"{block.name}{_format_index(k, block.shape)}"
         for block in layouts.variables
@@ -118,7 +118,7 @@ def build_frame(problem: Problem) -> DatasetFrame:
 
 def mask_integer_variables(problem: Problem) -> BoolArray:
     """Return the mask (N,) of variables that the column `integers` has first."""
-    return Frame.of(problem.program).integer
+    return ProgramSignature.of(problem.program).integer
 
 
 def build_library(problem: Problem, data: Dataset) -> Library:
@@ -138,7 +138,7 @@ def build_library(problem: Problem, data: Dataset) -> Library:
         raise UsageError(f"none of its {data.count} rows has an answer")
     features = [problem.feature_vector(problem.split(data.parameters[row])) for row in answered]
     return Library.of(
-        Frame.of(problem.program),
+        ProgramSignature.of(problem.program),
         np.array(features),
         data.solution["x"][answered],
         data.objective[answered],

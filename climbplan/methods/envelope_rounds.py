@@ -21,7 +21,7 @@ from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.strategy import Candidate
 from climbplan.methods.pinning import candidate_at, solve_candidate
-from climbplan.program.box import Box, propagate_box
+from climbplan.program.box import VariableBox, propagate_box
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem
 from climbplan.reformulations.disjunctions import BigM, ConvexHull
@@ -162,7 +162,7 @@ class _RelaxedProgram:
 
 
 def _build_relaxation(
-    problem: Problem, instance: Instance, box: Box, options: EnvelopeOptions, number: int
+    problem: Problem, instance: Instance, box: VariableBox, options: EnvelopeOptions, number: int
 ) -> _RelaxedProgram:
     # Envelopes and big-M constants depend on the bounds, so these are tightened.
     """Build the relaxation of one round."""
@@ -186,7 +186,7 @@ def _apply_disjunctions(enveloped: EnvelopedInstance, options: EnvelopeOptions) 
 
 
 def build_default_partitions(
-    problem: Problem, instance: Instance, box: Box, count: int = 6, finer: int = 1
+    problem: Problem, instance: Instance, box: VariableBox, count: int = 6, finer: int = 1
 ) -> tuple[Partition, ...]:
     """Build a grid on one factor of each product without an integer factor.
 
@@ -272,14 +272,14 @@ def restrict_to_cost(instance: Instance, incumbent: SolverResult) -> Instance:
     )
 
 
-def _widen_box(box: Box) -> Box:
+def _widen_box(box: VariableBox) -> VariableBox:
     """Widen a box by rounding errors and the tolerances of solvers; crossed bounds stay."""
     crossed = (box.lower > box.upper).any()
     if crossed:
         return box
     low = box.lower - _MARGIN * np.maximum(1.0, np.abs(box.lower))
     high = box.upper + _MARGIN * np.maximum(1.0, np.abs(box.upper))
-    return Box(low, high, box.products)
+    return VariableBox(low, high, box.products)
 
 
 def _build_partition(i: int, cut: int | Array, low: float, high: float) -> Partition:

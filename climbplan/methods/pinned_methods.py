@@ -16,7 +16,7 @@ from climbplan.methods.pinning import candidate_at, drop_duplicates
 from climbplan.methods.pipeline import CheckedPoint
 from climbplan.methods.reduced_programs import ReducedPrograms
 from climbplan.methods.task import Method, Outcome, Task, format_origin, solve_candidates
-from climbplan.program.box import Box, compute_product_range
+from climbplan.program.box import VariableBox, compute_product_range
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem
 from climbplan.reformulations.grids import Partition
@@ -128,5 +128,7 @@ def build_cluster_partitions(
     lower = np.where(np.isfinite(instance.lower), instance.lower, low - margin)
     upper = np.where(np.isfinite(instance.upper), instance.upper, high + margin)
     products = instance.products
-    box = Box(lower, upper, compute_product_range(lower, upper, products.first, products.second))
+    box = VariableBox(
+        lower, upper, compute_product_range(lower, upper, products.first, products.second)
+    )
     return build_default_partitions(problem, instance, box, count)

@@ -21,7 +21,7 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.envelopes import Squares
-from climbplan.reformulations.extension import Extension, RowStack, extend_instance
+from climbplan.reformulations.extension import Extension, TripletRows, extend_instance
 from climbplan.reformulations.grids import Partition, build_code
 from climbplan.reformulations.mccormick import EnvelopeForm, McCormick
 
@@ -29,7 +29,7 @@ MARGIN = 0.05  # margin around the solutions in a piece, as a fraction of its wi
 
 
 @dataclass(frozen=True)
-class Reduction:
+class ClusterReduction:
     """The integers of a program that remain in one cluster."""
 
     partitions: tuple[Partition, ...]  # with the occupied pieces only
@@ -46,7 +46,7 @@ class Reduction:
         integer: BoolArray,
         squares: Squares = "envelope",
         room: float = MARGIN,
-    ) -> Reduction:
+    ) -> ClusterReduction:
         """Build the reduction of a cluster's solutions.
 
         Args:
@@ -121,7 +121,7 @@ class ReducedProgram:
 class ReducedForm:
     """A reduction prepared for instances of one program."""
 
-    reduction: Reduction
+    reduction: ClusterReduction
     lower: Array  # (N,)
     upper: Array  # (N,)
     envelopes: EnvelopeForm | None
@@ -156,7 +156,7 @@ class ReducedForm:
         bits = codes.shape[1]
         weight = np.arange(flat.size, flat.size + K)
         bit = np.arange(flat.size + K, flat.size + K + bits)
-        rows = RowStack()
+        rows = TripletRows()
         rows.add(1, [(0, weight, 1.0)], 1.0, 1.0)
         if bits:
             k, b = np.nonzero(codes)

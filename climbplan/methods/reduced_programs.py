@@ -20,7 +20,7 @@ from climbplan.errors import UsageError
 from climbplan.learning.cluster_ranking import ClusterRanking
 from climbplan.learning.strategy import Candidate, build_candidate
 from climbplan.methods.envelope_rounds import MICP_SOLVERS
-from climbplan.methods.reduced import MARGIN, ReducedForm, Reduction
+from climbplan.methods.reduced import MARGIN, ClusterReduction, ReducedForm
 from climbplan.program.instance import Instance
 from climbplan.reformulations.envelopes import Squares
 from climbplan.reformulations.grids import Partition
@@ -55,7 +55,7 @@ class ReducedPrograms:
     Attributes:
         solver: highs, scip or gurobi.
         seconds: Time limit of one program [s].
-        room: Margin around a cluster's solutions, see `Reduction.of`.
+        room: Margin around a cluster's solutions, see `ClusterReduction.of`.
         others: Number of strategies of a cluster that follow its program's.
     """
 
@@ -78,10 +78,10 @@ class ReducedPrograms:
             )
         require(MICP_SOLVERS[self.solver])
 
-    def build_reduction(self, cluster: int) -> Reduction:
+    def build_reduction(self, cluster: int) -> ClusterReduction:
         """Build the reduction of the integers to a cluster."""
         rows, library = self.ranking.list_members(cluster), self.ranking.library
-        return Reduction.of(
+        return ClusterReduction.of(
             self.partitions,
             library.points[rows],
             library.alternatives[rows],

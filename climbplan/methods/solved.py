@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.learning.clusters import select_solution_columns
 from climbplan.learning.fit_run import TrainingData
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Library, ProgramSignature
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.model_file import read_model
 from climbplan.methods.dataset_rows import build_library
@@ -46,7 +46,7 @@ def read_library(problem: Problem, path: Path) -> Library:
         raise UsageError(f"{path}: none of its {plan.count} rows has an answer")
     # Features are recomputed, so that a statement may change them after the run.
     features = [problem.feature_vector(problem.split(plan.parameters[row])) for row in answered]
-    frame = Frame.of(problem.program)
+    frame = ProgramSignature.of(problem.program)
     return Library.of(
         frame,
         np.array(features),

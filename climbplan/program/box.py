@@ -9,19 +9,19 @@ from scipy import sparse
 
 from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
-from climbplan.program.row_propagation import Range, RowPropagation
+from climbplan.program.row_propagation import ElementwiseRange, RowPropagation
 
 _ROUNDS = 40
 _INTEGRALITY = 1e-6
 
 
 @dataclass(frozen=True)
-class Box:
+class VariableBox:
     """Bounds of every feasible x and of its products."""
 
     lower: Array  # (n,)
     upper: Array  # (n,)
-    products: Range  # (K,)
+    products: ElementwiseRange  # (K,)
 
     @property
     def half(self) -> Array:
@@ -35,16 +35,20 @@ class Box:
         low, high = np.where(closed, self.lower, 0.0), np.where(closed, self.upper, 0.0)
         return 0.5 * (low + high)
 
-    def interval(self, A: sparse.csr_matrix, Q: sparse.csr_matrix | None = None) -> Range:
+    def interval(
+        self, A: sparse.csr_matrix, Q: sparse.csr_matrix | None = None
+    ) -> ElementwiseRange:
         """Return the range of A x + Q w over the box, infinite where an entry is open."""
         minimum, maximum = _compute_interval(A, self.lower, self.upper)
         if Q is not None and Q.nnz:
             low, high = _compute_interval(Q, self.products.lower, self.products.upper)
             minimum, maximum = minimum + low, maximum + high
-        return Range(minimum, maximum)
+        return ElementwiseRange(minimum, maximum)
 
 
-def compute_product_range(low: Array, high: Array, first: IntArray, second: IntArray) -> Range:
+def compute_product_range(
+    low: Array, high: Array, first: IntArray, second: IntArray
+) -> ElementwiseRange:
     """Return the range of x[first] x[second] over low <= x <= high; squares are nonnegative."""
     ends = np.stack(
         [
@@ -58,7 +62,7 @@ def compute_product_range(low: Array, high: Array, first: IntArray, second: IntA
         _multiply_ends(low[first], low[first]), _multiply_ends(high[first], high[first])
     )
     square = first == second
-    return Range(np.where(square, np.where(crosses, 0.0, nearest), minimum), maximum)
+    return ElementwiseRange(np.where(square, np.where(crosses, 0.0, nearest), minimum), maximum)
 
 
 @dataclass(frozen=True)
@@ -84,7 +88,7 @@ def build_vertex_hulls(instance: Instance) -> Hulls:
     return Hulls(sparse.vstack(rows).tocsr(), np.concatenate(lower), np.concatenate(upper))
 
 
-def propagate_box(instance: Instance, hulls: Hulls | None = None) -> Box:
+def propagate_box(instance: Instance, hulls: Hulls | None = None) -> VariableBox:
     """Tighten the variable bounds through rows, balls and hulls of choices.
 
     Binaries are rounded inwards. A variable without bounds keeps an infinite bound. An instance
@@ -110,7 +114,7 @@ def propagate_box(instance: Instance, hulls: Hulls | None = None) -> Box:
 
 def _propagate_rounds(
     rows: sparse.csr_matrix, row_lower: Array, row_upper: Array, instance: Instance, n: int
-) -> Box:
+) -> VariableBox:
     """Propagate over rows of variables and products, whose bounds follow from each other."""
     propagation = RowPropagation(rows, row_lower, row_upper)
     count = instance.products.count
@@ -122,7 +126,7 @@ def _propagate_rounds(
         implied = compute_product_range(low[:n], high[:n], first, second)
         low[n:] = np.maximum(low[n:], implied.lower)
         high[n:] = np.minimum(high[n:], implied.upper)
-        previous = Range(low, high)
+        previous = ElementwiseRange(low, high)
         tightened = propagation.tighten(previous)
         low, high = tightened.lower, tightened.upper
         low[integer] = np.ceil(low[integer] - _INTEGRALITY)
@@ -130,8 +134,10 @@ def _propagate_rounds(
         if not previous.has_progressed(tightened) or (low > high).any():
             break
     implied = compute_product_range(low[:n], high[:n], first, second)
-    products = Range(np.maximum(low[n:], implied.lower), np.minimum(high[n:], implied.upper))
-    return Box(low[:n], high[:n], products)
+    products = ElementwiseRange(
+        np.maximum(low[n:], implied.lower), np.minimum(high[n:], implied.upper)
+    )
+    return VariableBox(low[:n], high[:n], products)
 
 
 def _multiply_ends(a: Array, b: Array) -> Array:

@@ -13,7 +13,7 @@ from climbplan.arrays import Array
 
 
 @dataclass(frozen=True)
-class Layout:
+class MatrixLayout:
     """Named matrices one after the other, each in column-major order as in CasADi."""
 
     shapes: tuple[tuple[str, tuple[int, int]], ...]

@@ -16,13 +16,13 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Range:
+class ElementwiseRange:
     """Elementwise range lower <= value <= upper."""
 
     lower: Array
     upper: Array
 
-    def has_progressed(self, tightened: Range) -> bool:
+    def has_progressed(self, tightened: ElementwiseRange) -> bool:
         """Return whether the bounds of `other` are tighter by enough for another round."""
         is_bounded_now = np.isinf(self.lower) & np.isfinite(tightened.lower)
         is_bounded_now |= np.isinf(self.upper) & np.isfinite(tightened.upper)
@@ -47,7 +47,7 @@ class RowPropagation:
         # Division by a weak entry would only amplify rounding errors
         self._strong = np.abs(entry.data) > _WEAK * largest[entry.row]
 
-    def tighten(self, bounds: Range) -> Range:
+    def tighten(self, bounds: ElementwiseRange) -> ElementwiseRange:
         """Tighten every variable by every row, given the bounds of the row's other variables."""
         i, j, a, strong = self._row, self._column, self._value, self._strong
         low, high = bounds.lower, bounds.upper
@@ -58,7 +58,7 @@ class RowPropagation:
         new_low, new_high = low.copy(), high.copy()
         np.maximum.at(new_low, j[strong], np.minimum(first_end, second_end)[strong] - _ROUNDING)
         np.minimum.at(new_high, j[strong], np.maximum(first_end, second_end)[strong] + _ROUNDING)
-        return Range(new_low, new_high)
+        return ElementwiseRange(new_low, new_high)
 
 
 def _sum_others(value: Array, row: NDArray[np.intp], count: int) -> Array:

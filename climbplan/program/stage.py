@@ -14,7 +14,7 @@ from climbplan.arrays import Array
 
 
 @dataclass(frozen=True)
-class Rows:
+class NamedRowBounds:
     """Some rows of a block, after those that were stated earlier."""
 
     name: str
@@ -28,7 +28,7 @@ class NamedRows:
 
     def __init__(self, symbols: Any) -> None:
         self._symbols = symbols
-        self._rows: list[Rows] = []
+        self._rows: list[NamedRowBounds] = []
         self._expressions: list[Any] = []
         self._costs: dict[str, Any] = {}
 
@@ -45,7 +45,7 @@ class NamedRows:
         shape = (column.numel(),)
         low = np.broadcast_to(np.asarray(lower, float), shape)
         high = np.broadcast_to(np.asarray(upper, float), shape)
-        self._rows.append(Rows(name, unit, low, high))
+        self._rows.append(NamedRowBounds(name, unit, low, high))
         self._expressions.append(column)
 
     def equal(self, name: str, expression: Any, unit: str = "") -> None:
@@ -65,7 +65,7 @@ class NamedRows:
 
 
 class Stage(NamedRows):
-    """One knot's rows and costs, stated once and called at each knot by `Trajectory.add`.
+    """One knot's rows and costs, stated once and called at each knot by `StagedProgram.add`.
 
     A stage is a function of columns. Every row and cost has a name.
     """

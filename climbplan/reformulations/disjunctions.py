@@ -16,12 +16,12 @@ from scipy import sparse
 
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.box import Box, propagate_box
+from climbplan.program.box import VariableBox, propagate_box
 from climbplan.program.instance import Choice, Instance
 from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.extension import (
     Extension,
-    RowStack,
+    TripletRows,
     create_no_implications,
     extend_instance,
 )
@@ -88,7 +88,7 @@ class _FormBuilder:
     """A growing extension: its variables, rows, and products within the rows."""
 
     instance: Instance
-    rows: RowStack
+    rows: TripletRows
     lower: list[Array]
     upper: list[Array]
     integer: list[bool]
@@ -98,7 +98,7 @@ class _FormBuilder:
     @classmethod
     def begin(cls, instance: Instance) -> _FormBuilder:
         """Begin with the binaries of choices."""
-        build = cls(instance, RowStack(), [], [], [], [], [])
+        build = cls(instance, TripletRows(), [], [], [], [], [])
         for choice in instance.choices:
             count = len(choice.alternatives)
             group = build.add_variables(np.zeros(count), np.ones(count), integer=True)
@@ -154,7 +154,9 @@ def _list_triplets(rows: sparse.csr_matrix) -> tuple[Array, Array, Array]:
     return entry.row, entry.col, entry.data
 
 
-def _add_choice_big_m(build: _FormBuilder, choice: Choice, group: IntArray, box: Box) -> None:
+def _add_choice_big_m(
+    build: _FormBuilder, choice: Choice, group: IntArray, box: VariableBox
+) -> None:
     """Add the big-M rows of a choice.
 
     a y <= b holds where alternative r does, and its maximum where s does: a y <= b z_r + sum_s M_s
@@ -197,7 +199,7 @@ def _add_choice_big_m(build: _FormBuilder, choice: Choice, group: IntArray, box:
 
 
 def _add_implication_big_m(
-    build: _FormBuilder, instance: Instance, box: Box, which: IntArray
+    build: _FormBuilder, instance: Instance, box: VariableBox, which: IntArray
 ) -> None:
     """Add rows for z = v implies row <= u: row + (M - u) [z = v] <= M with the row's maximum M."""
     implications = instance.implications
@@ -230,7 +232,9 @@ def _add_implication_big_m(
         )
 
 
-def _add_choice_hull(build: _FormBuilder, choice: Choice, group: IntArray, box: Box) -> None:
+def _add_choice_hull(
+    build: _FormBuilder, choice: Choice, group: IntArray, box: VariableBox
+) -> None:
     """Add the hull of a choice with a copy y_r of its point for each alternative.
 
     y = sum_r y_r, A_r y_r <= b_r z_r, C_r y_r = c_r z_r, y_r within the box times z_r.
@@ -258,7 +262,7 @@ def _add_choice_hull(build: _FormBuilder, choice: Choice, group: IntArray, box: 
 
 
 def _add_implication_hull(
-    build: _FormBuilder, instance: Instance, box: Box, binary: int, rows: IntArray
+    build: _FormBuilder, instance: Instance, box: VariableBox, binary: int, rows: IntArray
 ) -> None:
     """Add the hull of an implication with copies x = u + v.
 

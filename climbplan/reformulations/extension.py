@@ -14,7 +14,7 @@ from climbplan.program.instance import Balls, Choice, Implications, Instance
 
 
 @dataclass
-class RowStack:
+class TripletRows:
     """Rows of triplets, collected block by block: lower <= sum of entries <= upper."""
 
     count: int = 0

@@ -14,7 +14,7 @@ from scipy import sparse
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.base import Reformulated, Reformulation
 from climbplan.reformulations.envelopes import Squares, build_halfspaces
 from climbplan.reformulations.mccormick import McCormick
@@ -65,7 +65,7 @@ class LocalForm:
             order=labelled.data.astype(np.int64) - 1,
         )
 
-    def at(self, box: Range, numbers: Instance | None = None) -> Instance:
+    def at(self, box: ElementwiseRange, numbers: Instance | None = None) -> Instance:
         """Return the instance with envelopes on the box, to which its variables are restricted.
 
         Args:
@@ -132,7 +132,7 @@ class LocalMcCormick(Reformulation[Reformulated]):
         Raises:
             UsageError: A factor is unbounded in the box.
         """
-        local = LocalForm.of(instance, self.squares).at(Range(self.lower, self.upper))
+        local = LocalForm.of(instance, self.squares).at(ElementwiseRange(self.lower, self.upper))
         covers_bounds = (self.lower <= instance.lower).all() and (
             self.upper >= instance.upper
         ).all()

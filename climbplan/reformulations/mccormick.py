@@ -28,7 +28,7 @@ from climbplan.reformulations.envelopes import (
     compute_square_corners,
     compute_square_weights,
 )
-from climbplan.reformulations.extension import Extension, RowStack, extend_instance
+from climbplan.reformulations.extension import Extension, TripletRows, extend_instance
 from climbplan.reformulations.grids import Encoding, Partition, build_code, by_variable
 from climbplan.reformulations.product_rows import (
     Unbounded,
@@ -48,7 +48,7 @@ class _Factor:
 
 
 @dataclass(frozen=True)
-class _Cells:
+class _CellWeights:
     """The weights of one product."""
 
     product: int
@@ -67,7 +67,7 @@ class EnvelopedInstance(Reformulated):
     partitions: tuple[Partition, ...]
     weights: tuple[IntArray, ...]  # columns of delta, by partition
     bits: tuple[IntArray, ...]  # columns of the code, by partition; none in unary encoding
-    cells: tuple[_Cells, ...]
+    cells: tuple[_CellWeights, ...]
     products: Products
 
     def find_pieces(self, x: Array) -> IntArray:
@@ -175,7 +175,7 @@ class McCormick(Reformulation[EnvelopedInstance]):
         box = compute_factor_bounds(instance, self.partitions, self.unbounded)
         low, high = box.lower, box.upper
         n, K = instance.size, instance.products.count
-        rows = RowStack()
+        rows = TripletRows()
         lower, upper, integer = [], [], []
         deltas, bits = [], []
         column = n + K
@@ -260,7 +260,7 @@ class McCormick(Reformulation[EnvelopedInstance]):
         low: Array,
         high: Array,
         column: int,
-    ) -> _Cells | None:
+    ) -> _CellWeights | None:
         """Build the cells of one product, None if neither factor has a partition."""
         i, j = int(products.first[product]), int(products.second[product])
         x, y = (self._build_factor(variable, places, low, high) for variable in (i, j))
@@ -279,7 +279,7 @@ class McCormick(Reformulation[EnvelopedInstance]):
             corners = compute_square_corners(x.lower, x.upper, self.squares)
         else:
             corners = compute_product_corners(x.lower[ix], x.upper[ix], y.lower[iy], y.upper[iy])
-        return _Cells(product, column, corners, x, y, ix, iy)
+        return _CellWeights(product, column, corners, x, y, ix, iy)
 
     def _build_factor(
         self, variable: int, places: dict[int, tuple[int, int]], low: Array, high: Array
@@ -299,7 +299,7 @@ class EnvelopeForm:
     partitions: tuple[Partition, ...]
     weights: tuple[IntArray, ...]
     bits: tuple[IntArray, ...]
-    cells: tuple[_Cells, ...]
+    cells: tuple[_CellWeights, ...]
     products: Products
     extension: Extension
     relaxation: bool
@@ -325,7 +325,7 @@ def _split_corners(corners: Corners) -> tuple[Array, Array, Array]:
 
 
 def _append_weight_rows(
-    rows: RowStack, cells: _Cells, products: Products, n: int, deltas: list[IntArray]
+    rows: TripletRows, cells: _CellWeights, products: Products, n: int, deltas: list[IntArray]
 ) -> None:
     """Append (x, y, w) = sum of weights times corners, and the sums of weights."""
     i, j = products.first[cells.product], products.second[cells.product]

@@ -12,9 +12,9 @@ from climbplan.arrays import IntArray
 from climbplan.errors import UsageError
 from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance, Products
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.envelopes import Squares, build_halfspaces
-from climbplan.reformulations.extension import Extension, RowStack, extend_instance
+from climbplan.reformulations.extension import Extension, TripletRows, extend_instance
 from climbplan.reformulations.grids import Partition
 
 
@@ -55,7 +55,7 @@ Unbounded = Literal["refuse", "open"]
 
 def compute_factor_bounds(
     instance: Instance, partitions: tuple[Partition, ...], unbounded: Unbounded = "refuse"
-) -> Range:
+) -> ElementwiseRange:
     """Return bounds of all variables; propagated where a factor has neither bounds nor pieces.
 
     Raises:
@@ -77,14 +77,14 @@ def compute_factor_bounds(
                 f"{instance.name}: variable {unbounded_factors[0]} is a factor of a product and "
                 "has neither bounds nor a grid"
             )
-    return Range(low, high)
+    return ElementwiseRange(low, high)
 
 
 def append_envelope_rows(
-    rows: RowStack,
+    rows: TripletRows,
     products: Products,
     which: IntArray,
-    box: Range,
+    box: ElementwiseRange,
     n: int,
     squares: Squares,
 ) -> None:

@@ -21,7 +21,7 @@ from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Choice, Instance
 from climbplan.program.polytope import Polytope
 from climbplan.reformulations.base import Reformulated, Reformulation
-from climbplan.reformulations.extension import Extension, RowStack, extend_instance
+from climbplan.reformulations.extension import Extension, TripletRows, extend_instance
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class SlackRelaxation(Reformulation[SlackForm]):
 
     def apply(self, instance: Instance) -> SlackForm:
         """Relax the choices of any instance; integers, implications and products stay."""
-        rows, n = RowStack(), instance.size
+        rows, n = TripletRows(), instance.size
         slacks: list[IntArray] = []
         count = 0
         for choice in instance.choices:
@@ -90,7 +90,7 @@ class SlackRelaxation(Reformulation[SlackForm]):
 
 
 def _append_relaxed_rows(
-    rows: RowStack, choice: Choice, polytope: Polytope, slack: int | None
+    rows: TripletRows, choice: Choice, polytope: Polytope, slack: int | None
 ) -> None:
     """Append the rows of one alternative, relaxed by the slack of a column if there is one."""
     for matrix, low, high in (

@@ -11,7 +11,7 @@ from climbplan.arrays import Array
 
 
 @dataclass(frozen=True)
-class Camera:
+class OrthographicCamera:
     """A viewer infinitely far away in the direction of azimuth (from x, about z) and elevation."""
 
     azimuth_deg: float
@@ -42,20 +42,20 @@ class Camera:
 
 def choose_clear_view(
     azimuth_deg: float, elevation_deg: float, path: Array, blocks: Array
-) -> Camera:
+) -> OrthographicCamera:
     """Return the camera at plus or minus an azimuth, on the side where blocks stand less in the
     way.
 
     path: (P, 3) what is to be seen; blocks: (B, 3) corners of what may hide it [m].
     """
-    camera = Camera(azimuth_deg, elevation_deg)
+    camera = OrthographicCamera(azimuth_deg, elevation_deg)
     if len(blocks) == 0 or camera.depth(blocks).mean() <= camera.depth(path).mean():
         return camera
-    return Camera(-azimuth_deg, elevation_deg)
+    return OrthographicCamera(-azimuth_deg, elevation_deg)
 
 
-FRONT = Camera(-90.0, 0.0)  # x to the right, z up
-SIDE = Camera(0.0, 0.0)  # y to the right, z up
+FRONT = OrthographicCamera(-90.0, 0.0)  # x to the right, z up
+SIDE = OrthographicCamera(0.0, 0.0)  # y to the right, z up
 
 
 def compute_silhouette(points: Array) -> Array:

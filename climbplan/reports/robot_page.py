@@ -13,8 +13,8 @@ from climbplan.reports.sheet import render_png
 from climbplan.robots.facts import measure_robot
 from climbplan.robots.model import Robot, dynamics_of
 from climbplan.robots.task_robot import with_stance
-from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.urdf.proposal.postures import LeggedPosture
+from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
 from climbplan.robots.visual_geometry import VisualGeometry
 
 _JOINTS = ("leg", "joint", "bounds [deg]", "standing [deg]", "torque [N m]", "speed [rad/s]",
@@ -22,8 +22,8 @@ _JOINTS = ("leg", "joint", "bounds [deg]", "standing [deg]", "torque [N m]", "sp
 
 
 def build_robot_page(
-    proposal: Proposal,
-    brace: Posture | None,
+    proposal: RobotProposal,
+    brace: LeggedPosture | None,
     outcomes: Sequence[tuple[str, bool]],
     visual_geometry: VisualGeometry | None = None,
 ) -> str:
@@ -85,7 +85,7 @@ def build_robot_page(
     )
 
 
-def _build_joint_rows(proposal: Proposal) -> list[list[str]]:
+def _build_joint_rows(proposal: RobotProposal) -> list[list[str]]:
     robot: Robot = proposal.robot
     rows = []
     for n, leg in enumerate(robot.limb_names):
@@ -107,7 +107,7 @@ def _build_joint_rows(proposal: Proposal) -> list[list[str]]:
     return rows
 
 
-def _build_link_rows(proposal: Proposal) -> list[list[str]]:
+def _build_link_rows(proposal: RobotProposal) -> list[list[str]]:
     """Return moving parts: their joint, their mass, and the links fixed together in them."""
     tree = proposal.tree
     by_child = tree.by_child

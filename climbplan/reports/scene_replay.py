@@ -9,14 +9,14 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.reports import palette
 from climbplan.reports.viewer.camera import compute_camera_path, measure_moving_parts
-from climbplan.reports.viewer.scene import Scene, compute_outline
+from climbplan.reports.viewer.scene import ViewerScene, compute_outline
 
 _LONGEST_FORCE = 0.5  # share of what moves
 _BEFORE = 1.0  # [s] before a box first moves
 _MOVED = 1e-3  # [m]
 
 
-def build_scene_replay(scene: Scene) -> dict[str, Any]:
+def build_scene_replay(scene: ViewerScene) -> dict[str, Any]:
     """Return plain values, rounded to 0.1 mm; forces as arrows [m] that end at their points."""
     middle, extent = measure_moving_parts(scene)
     data: dict[str, Any] = {
@@ -67,7 +67,7 @@ def build_scene_replay(scene: Scene) -> dict[str, Any]:
     return data
 
 
-def find_start_time(scene: Scene) -> float:
+def find_start_time(scene: ViewerScene) -> float:
     """Return the time [s] from which a scene is shown: shortly before the first box moves.
 
     What comes before can be looked at; a scene without boxes, or with one that moves at once, is

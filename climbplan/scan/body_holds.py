@@ -21,7 +21,7 @@ from climbplan.scan.cleaning import find_components, find_open_edges
 from climbplan.scan.contact_regions import FoundRegion, find_contact_regions
 from climbplan.scan.holds import Grasping
 from climbplan.scan.raw import RawScan, ScanError, select_triangles
-from climbplan.scan.steppable_regions import HEADROOM, Frame
+from climbplan.scan.steppable_regions import HEADROOM, PlaneFrame
 from climbplan.scan.triangles import cast_rays
 from climbplan.schema.terrain.scan import ScanSpec
 
@@ -140,7 +140,7 @@ def _find_region_holds(region: FoundRegion, corners: Array, grasping: Grasping) 
 
 def _list_axes(region: FoundRegion) -> list[Array]:
     """Return directions of fingers in the plane of a region: across its edges, then all around."""
-    frame = Frame.on(region.normal, float(region.normal @ region.vertices[0]))
+    frame = PlaneFrame.on(region.normal, float(region.normal @ region.vertices[0]))
     edges = np.roll(region.vertices, -1, axis=0) - region.vertices
     directions = np.cross(edges, region.normal)
     directions = directions[np.argsort(-np.linalg.norm(directions, axis=1), kind="stable")]

@@ -12,7 +12,7 @@ from climbplan.scan.cleaning import compute_areas
 from climbplan.scan.convex import compute_cross, decompose_convex, extract_convex_pieces
 from climbplan.scan.raw import RawScan
 from climbplan.scan.region_growing import segment_planar_patches
-from climbplan.scan.steppable_regions import HEADROOM, Frame, compute_steppable_area
+from climbplan.scan.steppable_regions import HEADROOM, PlaneFrame, compute_steppable_area
 from climbplan.scan.triangles import find_buried
 from climbplan.schema.terrain.scan import ScanSpec
 
@@ -48,7 +48,7 @@ def find_contact_regions(raw: RawScan, spec: ScanSpec) -> tuple[FoundRegion, ...
     normals = doubled / np.linalg.norm(doubled, axis=1, keepdims=True)
     regions: list[FoundRegion] = []
     for plane in _merge_coplanar_patches(raw, corners, spec):
-        frame = Frame.on(plane.normal, plane.offset)
+        frame = PlaneFrame.on(plane.normal, plane.offset)
         free = compute_steppable_area(
             frame, plane.triangles, corners, normals, spec.flatness, spec.toe_radius
         )
@@ -127,7 +127,7 @@ def _decompose(polygon: shapely.Polygon, overlaps: bool, min_size: float) -> lis
 
 
 def _select_new_pieces(
-    pieces: list[Array], frame: Frame, plane: _Plane, corners: Array
+    pieces: list[Array], frame: PlaneFrame, plane: _Plane, corners: Array
 ) -> list[Array]:
     """Return the pieces that other patches do not mostly cover."""
     if len(plane.first) == len(plane.triangles) or not pieces:
@@ -162,7 +162,9 @@ def _smooth_polygons(free: shapely.Geometry, spec: ScanSpec) -> list[shapely.Pol
     return polygons
 
 
-def _build_region(frame: Frame, piece: Array, label: str, spec: ScanSpec) -> FoundRegion | None:
+def _build_region(
+    frame: PlaneFrame, piece: Array, label: str, spec: ScanSpec
+) -> FoundRegion | None:
     """Return a piece as a region, None if it is too small."""
     if len(piece) < 3 or _compute_width(piece) < max(spec.min_size, 1e-4):
         return None

@@ -25,7 +25,7 @@ _TRIANGLE_GAP = 1e-6  # [m] between regions and triangles
 
 
 @dataclass(frozen=True)
-class FreeSpace:
+class ConvexFreeRegion:
     """A convex piece of free space about a piece of the body's path."""
 
     vertices: Array  # (V, 3) [m]
@@ -43,7 +43,7 @@ def split_path(guide: Array) -> Array:
     return np.array(pieces).reshape(-1, 2, 3)
 
 
-def inflate_free_space(ends: Array, hull: Array, corners: Array) -> FreeSpace:
+def inflate_free_space(ends: Array, hull: Array, corners: Array) -> ConvexFreeRegion:
     """Inflate free space about the sweep of a body's hull along a piece of its path.
 
     A triangle that the sweep meets gets no plane.
@@ -81,7 +81,7 @@ def inflate_free_space(ends: Array, hull: Array, corners: Array) -> FreeSpace:
         b.append(np.array([offset]))
         remaining = remaining[(remaining @ normal).min(axis=1) < offset]
     vertices = _compute_vertices(np.concatenate(A), np.concatenate(b), ends.mean(axis=0))
-    return FreeSpace(vertices, min_gap, ends.mean(axis=0))
+    return ConvexFreeRegion(vertices, min_gap, ends.mean(axis=0))
 
 
 def _find_separating_plane(sweep: Array, triangle: Array) -> tuple[Array, float]:

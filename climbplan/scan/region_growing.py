@@ -24,7 +24,7 @@ _NUM_SMOOTHINGS = 2
 _MAX_FITS = 8  # of the plane of a patch
 
 
-class Patches(NamedTuple):
+class FlatPatches(NamedTuple):
     """P flat patches of a surface of T triangles."""
 
     owner: IntArray  # (T,) the first patch of each triangle
@@ -38,7 +38,7 @@ class Patches(NamedTuple):
         return self.members[self.starts[patch] : self.starts[patch + 1]]
 
 
-def segment_planar_patches(raw: RawScan, flatness: float) -> Patches:
+def segment_planar_patches(raw: RawScan, flatness: float) -> FlatPatches:
     """Segment a surface into planar patches, each triangle in at least one.
 
     Seeds are taken by the size of their triangles, then where the surface is flattest.
@@ -58,7 +58,7 @@ def segment_planar_patches(raw: RawScan, flatness: float) -> Patches:
     bending = np.where(neighbour >= 0, 1 - np.einsum("ij,ikj->ik", smooth, smooth[neighbour]), 0.0)
     size = np.round(np.log2(area / area.max()))  # triangles of a mesh are about as large
     order = np.lexsort((np.arange(len(area)), np.round(bending.sum(axis=1), 6), -size))
-    return Patches(
+    return FlatPatches(
         *grow_patches(corners, smooth, area, neighbour, raw.label, order.astype(np.int64), flatness)
     )
 
@@ -201,7 +201,7 @@ def grow_patches(
     order: IntArray,
     flatness: float,
 ) -> tuple[IntArray, Array, Array, IntArray, IntArray]:
-    """Return the fields of `Patches`, from seeds in the given order.
+    """Return the fields of `FlatPatches`, from seeds in the given order.
 
     Args:
         corners: (T, 3, 3) [m].

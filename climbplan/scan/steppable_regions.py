@@ -25,7 +25,7 @@ _CIRCUMSCRIBED = 1.0 / np.cos(np.pi / (4 * _ARC_SEGMENTS))  # polygons contain t
 
 
 @dataclass(frozen=True)
-class Frame:
+class PlaneFrame:
     """A plane with axes: x = origin + u across + v along + height normal."""
 
     origin: Array  # (3,) on the plane
@@ -34,7 +34,7 @@ class Frame:
     normal: Array  # (3,)
 
     @classmethod
-    def on(cls, normal: Array, offset: float) -> Frame:
+    def on(cls, normal: Array, offset: float) -> PlaneFrame:
         """Return the frame of a plane, with axes that depend on the plane alone."""
         across = np.cross(np.eye(3)[int(np.argmin(np.abs(normal) - 1e-9 * np.arange(3)))], normal)
         across /= np.linalg.norm(across)
@@ -55,7 +55,7 @@ class Frame:
 
 
 def compute_steppable_area(
-    frame: Frame,
+    frame: PlaneFrame,
     patch_triangles: IntArray,
     corners: Array,
     normals: Array,
@@ -180,7 +180,7 @@ def _extend_bounds(polygon: shapely.Geometry, by: float) -> tuple[float, float, 
 
 
 def _find_nearby_triangles(
-    frame: Frame,
+    frame: PlaneFrame,
     patch_triangles: IntArray,
     placed: Array,
     corners: Array,

@@ -76,7 +76,7 @@ class _Composer(yaml.SafeLoader):
             self.depth -= 1
 
 
-class _Writer(yaml.SafeDumper):
+class _YamlDumper(yaml.SafeDumper):
     """Writes what `_Composer` reads back unchanged."""
 
     yaml_implicit_resolvers = _build_resolvers()
@@ -119,7 +119,7 @@ def write_yaml(value: Any) -> str:
     """Return YAML text that `parse_yaml` reads back as `value`; keys keep their order."""
     text: str = yaml.dump(
         value,
-        Dumper=_Writer,
+        Dumper=_YamlDumper,
         sort_keys=False,
         default_flow_style=None,
         allow_unicode=True,

@@ -18,7 +18,7 @@ LIMB_MASS_SHARE = 0.02
 
 
 @dataclass(frozen=True)
-class ContactLoss:
+class FrictionLoss:
     """A toe without friction for a while (dust, a loose plate)."""
 
     limb: int
@@ -42,7 +42,7 @@ class Conditions:
     damping_value: float | None = None  # the gain of all joints [N m s/rad], [N s/m]
     backlash: float = 0.0  # play of every joint [rad]
     limb_weights: bool = True  # motors are told to carry the links' weight
-    losses: tuple[ContactLoss, ...] = field(default=())
+    losses: tuple[FrictionLoss, ...] = field(default=())
     speed: float = 1.0  # factor on the plan's pace
     regulator: Regulated | None = None  # what of the body's pose commands are corrected for
     delay: float = 0.0  # that corrections come late [s]

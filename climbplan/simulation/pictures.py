@@ -26,20 +26,20 @@ Decorate = Callable[[Any, Any, Any], None]
 
 def open_camera(
     path: Array, *, azimuth: float = 105.0, follow: bool = False, decorate: Decorate | None = None
-) -> Camera | str:
+) -> SnapshotCamera | str:
     """Return a camera on a body that moves along a path (T, 3), or why none can be had.
 
     follow: it moves along; otherwise it sees all of the path from one place.
     """
     mujoco = load_mujoco()
     try:
-        return Camera(mujoco, path, azimuth, follow, decorate)
+        return SnapshotCamera(mujoco, path, azimuth, follow, decorate)
     except Exception as error:  # graphics libraries raise errors of many kinds
         hint = "install EGL or OSMesa (libegl1, libosmesa6) for off-screen drawing"
         return f"no pictures: {type(error).__name__}: {error}; {hint}"
 
 
-class Camera:
+class SnapshotCamera:
     """Takes pictures at evenly spaced samples of the trajectory."""
 
     def __init__(

@@ -23,7 +23,7 @@ from climbplan.reports.sheet import (
 )
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.pictures import Picture
-from climbplan.simulation.trials import Trial
+from climbplan.simulation.trials import RandomRun
 
 RESULT = "simulation.csv"
 FILM = "simulation.gif"
@@ -154,7 +154,7 @@ def convert_conditions(conditions: Conditions) -> dict[str, Any]:
     return {**values, "losses": losses}
 
 
-def convert_trial(trial: Trial) -> dict[str, Any]:
+def convert_trial(trial: RandomRun) -> dict[str, Any]:
     """Convert one random run to JSON values."""
     return {
         "fallen": trial.fallen,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib import Parallel, delayed
 
-from climbplan.simulation.conditions import Conditions, ContactLoss
+from climbplan.simulation.conditions import Conditions, FrictionLoss
 
 FRICTION = (0.5, 1.05)  # factor on the terrain's coefficients
 PAYLOAD = (0.0, 0.02)  # of the robot's mass
@@ -18,7 +18,7 @@ _Z = 1.96
 
 
 @dataclass(frozen=True)
-class Trial:
+class RandomRun:
     """One random run."""
 
     conditions: Conditions
@@ -78,7 +78,7 @@ def sample_conditions(
             friction=base.friction * float(rng.uniform(*FRICTION)),
             payload=base.payload + distribution.mass * float(rng.uniform(*PAYLOAD)),
             gain=base.gain * float(rng.uniform(*GAIN)),
-            losses=(ContactLoss(limb, when * distribution.duration, distribution.loss),),
+            losses=(FrictionLoss(limb, when * distribution.duration, distribution.loss),),
         )
         more = float(rng.uniform(0.0, 1.0)) * distribution.max_backlash
         out.append(replace(world, backlash=base.backlash + more))
@@ -86,13 +86,13 @@ def sample_conditions(
 
 
 def run_trials(
-    trial: Callable[[Conditions], Trial],
+    trial: Callable[[Conditions], RandomRun],
     worlds: Sequence[Conditions],
     jobs: int = 1,
     progress: Callable[[float], None] | None = None,
-) -> tuple[Trial, ...]:
+) -> tuple[RandomRun, ...]:
     """Simulate in each world; the outcome does not depend on the number of workers."""
-    trials: list[Trial] = []
+    trials: list[RandomRun] = []
     work = Parallel(n_jobs=jobs, return_as="generator")(delayed(trial)(w) for w in worlds)
     for outcome in work:
         trials.append(outcome)

@@ -67,7 +67,7 @@ class AdmmResult:
 
 
 @dataclass(frozen=True)
-class _Iterate:
+class _AdmmIterate:
     """A point of the nonlinear block and its quality."""
 
     x: Array
@@ -115,7 +115,7 @@ def solve_admm(
     weight = None if start is None else _compute_weights(split, options, start)
     nonlinear_point, dual = start, np.zeros(instance.size)
     steps: list[AdmmStep] = []
-    best: _Iterate | None = None
+    best: _AdmmIterate | None = None
     integers: Array | None = None
     for number in range(options.iterations):
         if time.monotonic() > deadline:
@@ -156,7 +156,7 @@ def solve_admm(
                 new_integers=has_new_integers,
             )
         )
-        iterate = _Iterate(var2, chosen, violation, objective, number)
+        iterate = _AdmmIterate(var2, chosen, violation, objective, number)
         if best is None or iterate.rank(tolerance) < best.rank(tolerance):
             best = iterate
         if residual.max() <= options.residual:
@@ -204,7 +204,7 @@ def _solve_nonlinear(
 
 def _finish(
     instance: Instance,
-    best: _Iterate | None,
+    best: _AdmmIterate | None,
     steps: list[AdmmStep],
     gap: float,
     tolerance: float,

@@ -21,7 +21,7 @@ _SOLVED = (clarabel.SolverStatus.Solved, clarabel.SolverStatus.AlmostSolved)
 
 
 @dataclass(frozen=True)
-class Violations:
+class ElasticSolution:
     """A point and the violation of each constraint there, zero where it holds."""
 
     x: Array  # (n,)
@@ -36,7 +36,7 @@ class Violations:
         return float(self.rows.sum() + self.choices.sum() + sum(float(b.sum()) for b in self.balls))
 
 
-def minimise_violations(instance: Instance, start: Array) -> Violations | None:
+def minimise_violations(instance: Instance, start: Array) -> ElasticSolution | None:
     """Find a point with small violations, near the choices that suit `start` (n,).
 
     Bounds of the variables are kept.
@@ -44,7 +44,7 @@ def minimise_violations(instance: Instance, start: Array) -> Violations | None:
     Returns:
         None if Clarabel finds no point at all.
     """
-    best: Violations | None = None
+    best: ElasticSolution | None = None
     assignment = instance.assignment(start)
     for _ in range(_PASSES):
         x = _minimise_sum(instance, assignment)
@@ -58,12 +58,12 @@ def minimise_violations(instance: Instance, start: Array) -> Violations | None:
     return best
 
 
-def _compute_violations(instance: Instance, x: Array, assignment: IntArray) -> Violations:
+def _compute_violations(instance: Instance, x: Array, assignment: IntArray) -> ElasticSolution:
     """Compute the violations at a point."""
     row = instance.A @ x
     row_violation = np.maximum(instance.row_lower - row, row - instance.row_upper)
     chosen = zip(instance.choices, assignment, strict=True)
-    return Violations(
+    return ElasticSolution(
         x=x,
         assignment=assignment,
         balls=tuple(np.maximum(b.excess(x), 0.0) for b in instance.balls),

@@ -16,7 +16,7 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.program.box import Box, propagate_box
+from climbplan.program.box import VariableBox, propagate_box
 from climbplan.program.instance import Instance
 from climbplan.solvers.separable_cost import SeparableCost, factor_cost
 from climbplan.solvers.tree.choice_hulls import build_choice_hulls
@@ -39,7 +39,7 @@ class ChoiceRow:
 class MixedIntegerForm:
     """Parts of a model in addition to the instance itself."""
 
-    box: Box
+    box: VariableBox
     squares: SeparableCost
     choice_rows: tuple[ChoiceRow, ...]
 
@@ -64,7 +64,9 @@ def build_mixed_integer_form(instance: Instance) -> MixedIntegerForm:
     return MixedIntegerForm(box, factor_cost(instance), tuple(rows))
 
 
-def _build_choice_rows(instance: Instance, c: int, table: ChoiceTable, box: Box) -> list[ChoiceRow]:
+def _build_choice_rows(
+    instance: Instance, c: int, table: ChoiceTable, box: VariableBox
+) -> list[ChoiceRow]:
     """Build the rows of one choice."""
     choice = instance.choices[c]
     E = sparse.csr_matrix(sparse.csr_matrix(table.directions) @ choice.E)

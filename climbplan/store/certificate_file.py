@@ -20,7 +20,7 @@ from climbplan.program.instance import Balls, Choice, Implications, Instance, Pr
 from climbplan.program.polytope import Polytope
 from climbplan.solvers.result import Status
 from climbplan.store.certified import CertifiedRow, CertifiedRows
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets, write_text
 from climbplan.store.root_attributes import read_root, require_other, write_root
@@ -30,41 +30,44 @@ FORMAT_VERSION = 2  # of 1 the leaves were lists of integers, without products
 _MOST_ROWS = 100_000
 
 _VECTORS = {
-    "q": Layout(("n",)),
-    "lower": Layout(("n",), may_be_infinite=True),
-    "upper": Layout(("n",), may_be_infinite=True),
-    "row_lower": Layout(("m",), may_be_infinite=True),
-    "row_upper": Layout(("m",), may_be_infinite=True),
-    "integer": Layout(("n",), kind="bool"),
+    "q": DatasetLayout(("n",)),
+    "lower": DatasetLayout(("n",), may_be_infinite=True),
+    "upper": DatasetLayout(("n",), may_be_infinite=True),
+    "row_lower": DatasetLayout(("m",), may_be_infinite=True),
+    "row_upper": DatasetLayout(("m",), may_be_infinite=True),
+    "integer": DatasetLayout(("n",), kind="bool"),
 }
 _IMPLIED = {
-    "lower": Layout(("c",), may_be_infinite=True),
-    "upper": Layout(("c",), may_be_infinite=True),
-    "binary": Layout(("c",), kind="int"),
-    "value": Layout(("c",), kind="bool"),
+    "lower": DatasetLayout(("c",), may_be_infinite=True),
+    "upper": DatasetLayout(("c",), may_be_infinite=True),
+    "binary": DatasetLayout(("c",), kind="int"),
+    "value": DatasetLayout(("c",), kind="bool"),
 }
-_BALLS = {"f": Layout(("K", "d")), "radius": Layout(("K",))}
+_BALLS = {"f": DatasetLayout(("K", "d")), "radius": DatasetLayout(("K",))}
 _POLYTOPE = {
-    "A": Layout(("r", "e")),
-    "b": Layout(("r",), may_be_infinite=True),
-    "C": Layout(("s", "e")),
-    "c": Layout(("s",)),
+    "A": DatasetLayout(("r", "e")),
+    "b": DatasetLayout(("r",), may_be_infinite=True),
+    "C": DatasetLayout(("s", "e")),
+    "c": DatasetLayout(("s",)),
 }
 _PROOF = {
-    "split": Layout(("T",), kind="int"),
-    "at": Layout(("T",)),
-    "point": Layout(("S", "n")),
-    "ball": Layout(("S", "D")),
-    "empty": Layout(("S",), kind="bool"),
+    "split": DatasetLayout(("T",), kind="int"),
+    "at": DatasetLayout(("T",)),
+    "point": DatasetLayout(("S", "n")),
+    "ball": DatasetLayout(("S", "D")),
+    "empty": DatasetLayout(("S",), kind="bool"),
 }
-_PRODUCTS = {"first": Layout(("w",), kind="int"), "second": Layout(("w",), kind="int")}
-_ANSWER = {"x": Layout(("n",)), "assignment": Layout(("C",), kind="int")}
-_PARAMETERS = Layout(("p",))
-_CENTRE = Layout(("e",))
+_PRODUCTS = {
+    "first": DatasetLayout(("w",), kind="int"),
+    "second": DatasetLayout(("w",), kind="int"),
+}
+_ANSWER = {"x": DatasetLayout(("n",)), "assignment": DatasetLayout(("C",), kind="int")}
+_PARAMETERS = DatasetLayout(("p",))
+_CENTRE = DatasetLayout(("e",))
 _ENTRIES = {
-    "row": Layout(("z",), kind="int"),
-    "column": Layout(("z",), kind="int"),
-    "value": Layout(("z",)),
+    "row": DatasetLayout(("z",), kind="int"),
+    "column": DatasetLayout(("z",), kind="int"),
+    "value": DatasetLayout(("z",)),
 }
 
 

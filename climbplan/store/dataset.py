@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
-from climbplan.store.hdf5_layout import Kind, Layout
+from climbplan.store.hdf5_layout import DatasetLayout, Kind
 
 STATUSES = ("optimal", "feasible", "infeasible", "limit", "failed")
 ANSWERED = ("optimal", "feasible")
@@ -28,11 +28,11 @@ _COLUMNS = ("parameters", "feasible", "integers", "objective", "bound", "time", 
 
 def build_solution_layout(
     shape: Sequence[int], units: str = "", frame: str = "", kind: Kind = "float"
-) -> Layout:
+) -> DatasetLayout:
     """Return the layout of one array of a solution, `shape` without its rows; NaN without an
     answer.
     """
-    return Layout(("n", *shape), units, frame, kind, may_be_nan=kind == "float")
+    return DatasetLayout(("n", *shape), units, frame, kind, may_be_nan=kind == "float")
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class DatasetFrame:
     facts: Mapping[str, Any]  # plain values that the kind needs to understand and check its rows
     parameter_names: tuple[str, ...]  # (p,)
     integer_names: tuple[str, ...]  # (q,)
-    layouts: Mapping[str, Layout]  # of the solution's arrays: `build_solution_layout`
+    layouts: Mapping[str, DatasetLayout]  # of the solution's arrays: `build_solution_layout`
     objective_unit: str = ""
 
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.store.dataset import ANSWERED, STATUSES, Dataset, DatasetFrame, build_solution_layout
-from climbplan.store.hdf5_layout import Kind, Layout
+from climbplan.store.hdf5_layout import DatasetLayout, Kind
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets
 from climbplan.store.root_attributes import Origin, read_root, require_other, write_root
@@ -25,21 +25,24 @@ FORMAT = "climbplan/dataset"
 FORMAT_VERSION = 1
 
 _ARRAYS = {
-    "parameters": Layout(("n", "p"), may_be_nan=True),
-    "feasible": Layout(("n",), kind="bool"),
-    "integers": Layout(("n", "q"), kind="int"),
-    "objective": Layout(("n",), may_be_nan=True),
-    "bound": Layout(("n",), may_be_infinite=True),
-    "time": Layout(("n",), "s"),
-    "seed": Layout(("n",), kind="int"),
-    "row": Layout(("n",), kind="int"),
+    "parameters": DatasetLayout(("n", "p"), may_be_nan=True),
+    "feasible": DatasetLayout(("n",), kind="bool"),
+    "integers": DatasetLayout(("n", "q"), kind="int"),
+    "objective": DatasetLayout(("n",), may_be_nan=True),
+    "bound": DatasetLayout(("n",), may_be_infinite=True),
+    "time": DatasetLayout(("n",), "s"),
+    "seed": DatasetLayout(("n",), kind="int"),
+    "row": DatasetLayout(("n",), kind="int"),
 }
-_TEXTS = {"status": Layout(("n",), kind="text"), "message": Layout(("n",), kind="text")}
+_TEXTS = {
+    "status": DatasetLayout(("n",), kind="text"),
+    "message": DatasetLayout(("n",), kind="text"),
+}
 _NAMES = {
-    "parameter_names": Layout(("p",), kind="text"),
-    "integer_names": Layout(("q",), kind="text"),
+    "parameter_names": DatasetLayout(("p",), kind="text"),
+    "integer_names": DatasetLayout(("q",), kind="text"),
 }
-_MASK = Layout(("n",), kind="bool")
+_MASK = DatasetLayout(("n",), kind="bool")
 _SAFE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
 _MOST_ARRAYS = 64
 _LARGEST = 1e30  # beyond this squares overflow
@@ -182,7 +185,7 @@ def _require_sound(reader: Reader, data: Dataset) -> None:
             raise reader.refuse(f"row {row}: {name} holds numbers beyond {_LARGEST:g}")
 
 
-def _read_layouts(reader: Reader) -> dict[str, Layout]:
+def _read_layouts(reader: Reader) -> dict[str, DatasetLayout]:
     """Return the layouts of the solution's arrays, as the file itself states them."""
     stated = reader.mapping("solution_layout")
     if len(stated) > _MOST_ARRAYS:

@@ -9,7 +9,7 @@ Kind = Literal["float", "int", "bool", "text"]
 
 
 @dataclass(frozen=True)
-class Layout:
+class DatasetLayout:
     """One dataset: its shape in symbols ("K", "N") and numbers, its units and its frame."""
 
     shape: tuple[str | int, ...]

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.errors import PlanFileError
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 
 # Text heaps are looked at before the HDF5 library sees them. All other metadata of plan files carry
 # checksums; the collections of variable-length text do not, and on a damaged one the library may
@@ -144,7 +144,7 @@ class Reader:
             raise self.refuse(f"{name} is damaged: {error}") from error
 
     def datasets(
-        self, group: str, layouts: Mapping[str, Layout], *, optional: bool = False
+        self, group: str, layouts: Mapping[str, DatasetLayout], *, optional: bool = False
     ) -> dict[str, Any]:
         """Return all datasets of a declared layout in a group ("" for the file itself), by name.
 
@@ -161,7 +161,7 @@ class Reader:
                 values[name] = read(path, layout)
         return values
 
-    def array(self, name: str, layout: Layout) -> NDArray[Any]:
+    def array(self, name: str, layout: DatasetLayout) -> NDArray[Any]:
         """Return a dataset of numbers or booleans.
 
         Raises PlanFileError if it is missing or of another type or shape.
@@ -179,7 +179,7 @@ class Reader:
                 self.not_finite.append(name)
         return value
 
-    def texts(self, name: str, layout: Layout) -> tuple[str, ...]:
+    def texts(self, name: str, layout: DatasetLayout) -> tuple[str, ...]:
         """Return a dataset of texts."""
         dataset = self._dataset(name, layout)
         try:
@@ -317,7 +317,7 @@ class Reader:
             raise self.refuse(f"{name} is damaged: {error}") from error
         return member
 
-    def _dataset(self, name: str, layout: Layout) -> h5py.Dataset:
+    def _dataset(self, name: str, layout: DatasetLayout) -> h5py.Dataset:
         dataset = self._item(name)
         if not isinstance(dataset, h5py.Dataset):
             raise self.refuse(f"{name} is missing (expected a dataset)")

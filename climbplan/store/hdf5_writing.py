@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.store.atomic_file import replace_atomically
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 
 _TEXT = h5py.string_dtype("utf-8")
 _TYPES = {"float": np.float64, "int": np.int64, "bool": np.bool_}
@@ -58,7 +58,7 @@ def _open_in_memory(content: BytesIO, mode: str) -> h5py.File:
 
 
 def write_dataset(
-    group: h5py.Group, name: str, value: Any, layout: Layout, compressed: bool = False
+    group: h5py.Group, name: str, value: Any, layout: DatasetLayout, compressed: bool = False
 ) -> None:
     """Write one array or a sequence of texts; compressed: numbers by deflate."""
     if layout.kind == "text":
@@ -77,7 +77,7 @@ def write_dataset(
 
 def write_datasets(
     group: h5py.Group,
-    layouts: Mapping[str, Layout],
+    layouts: Mapping[str, DatasetLayout],
     values: Mapping[str, Any],
     *,
     compressed: bool = False,

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_datasets
 from climbplan.store.program_plan import (
@@ -32,22 +32,22 @@ FORMAT_VERSION = 1
 STATUSES = ("optimal", "feasible", "infeasible", "limit")
 
 _ARRAYS = {
-    "parameters": Layout(("n", "p")),
-    "features": Layout(("n", "d")),
-    "x": Layout(("n", "N")),
-    "assignment": Layout(("n", "C"), kind="int"),
-    "found": Layout(("n",), kind="bool"),
-    "objective": Layout(("n",)),
-    "bound": Layout(("n",), may_be_infinite=True),
-    "gap": Layout(("n",), may_be_infinite=True),
-    "time": Layout(("n",), "s"),
-    "tried": Layout(("n",), kind="int"),
+    "parameters": DatasetLayout(("n", "p")),
+    "features": DatasetLayout(("n", "d")),
+    "x": DatasetLayout(("n", "N")),
+    "assignment": DatasetLayout(("n", "C"), kind="int"),
+    "found": DatasetLayout(("n",), kind="bool"),
+    "objective": DatasetLayout(("n",)),
+    "bound": DatasetLayout(("n",), may_be_infinite=True),
+    "gap": DatasetLayout(("n",), may_be_infinite=True),
+    "time": DatasetLayout(("n",), "s"),
+    "tried": DatasetLayout(("n",), kind="int"),
 }
 _BOUNDS = {
-    "lower": Layout(("N",), may_be_infinite=True),
-    "upper": Layout(("N",), may_be_infinite=True),
+    "lower": DatasetLayout(("N",), may_be_infinite=True),
+    "upper": DatasetLayout(("N",), may_be_infinite=True),
 }
-_TEXTS = {name: Layout(("n",), kind="text") for name in ("status", "method", "winner")}
+_TEXTS = {name: DatasetLayout(("n",), kind="text") for name in ("status", "method", "winner")}
 _OPTIONAL = ("objective", "bound", "gap")  # of all rows, left out where a row has none
 _NAN_WITHOUT_ANSWER = ("x", "objective", "gap")
 

@@ -18,11 +18,11 @@ import numpy as np
 
 import climbplan
 from climbplan.errors import PlanFileError
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader
 from climbplan.store.hdf5_writing import write_dataset, write_json, write_text
 
-_WORDS = Layout(("*",), kind="text")
+_WORDS = DatasetLayout(("*",), kind="text")
 _LISTED = 3  # names in a message
 
 

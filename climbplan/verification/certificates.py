@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from climbplan.certificates.checker import Verdict, check
+from climbplan.certificates.checker import CertificateVerdict, check
 from climbplan.program.problem import Problem
 from climbplan.solvers.result import relative_gap
 from climbplan.store.certified import CertifiedRow, CertifiedRows
@@ -65,7 +65,7 @@ def _iterate_checks(certified: CertifiedRows, problem: Problem | None) -> Iterat
         )
 
 
-def _compute_overclaim(row: CertifiedRow, verdict: Verdict) -> float:
+def _compute_overclaim(row: CertifiedRow, verdict: CertificateVerdict) -> float:
     """Return by how much the claim exceeds what is proved, relative."""
     claimed = row.certificate.bound
     if np.isnan(claimed):
@@ -75,7 +75,7 @@ def _compute_overclaim(row: CertifiedRow, verdict: Verdict) -> float:
     return float((claimed - verdict.bound) / max(abs(claimed), 1e-9))
 
 
-def _compute_gap(row: CertifiedRow, verdict: Verdict) -> float:
+def _compute_gap(row: CertifiedRow, verdict: CertificateVerdict) -> float:
     """Return the relative gap between the answer and what is proved."""
     if row.x is None:
         return np.inf

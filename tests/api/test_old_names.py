@@ -31,6 +31,12 @@ def test_old_errors_warn_and_are_the_new_ones(old: str, new: str) -> None:
         importlib.import_module("climbplan.errors").Typo  # noqa: B018
 
 
+def test_the_old_name_of_a_staged_program_warns() -> None:
+    package = importlib.import_module("climbplan.program")
+    with pytest.warns(FutureWarning, match="Trajectory` is now `climbplan.program.StagedProgram`"):
+        assert package.Trajectory is package.StagedProgram
+
+
 def test_an_old_parameter_warns_and_has_its_meaning(
     tmp_path_factory: pytest.TempPathFactory,
 ) -> None:

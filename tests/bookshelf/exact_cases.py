@@ -10,13 +10,13 @@ from bookshelf_scenes import HALF_MM, random_theta
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.plan.answer import SceneAnswer
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, compute_movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, ShelfScene, compute_movement_cost
 
 
 @dataclass(frozen=True)
 class Case:
     theta: np.ndarray  # mm
-    scene: Scene
+    scene: ShelfScene
     answer: SceneAnswer
 
 
@@ -26,14 +26,14 @@ def shelf_of(n: int) -> Shelf:
 
 def upright(
     centres: list[float], sizes: list[tuple[float, float]], inserted: tuple[float, float]
-) -> Scene:
+) -> ShelfScene:
     """Stored books standing at centres, sizes (height, width), all in mm."""
     size = 1e-3 * np.array(sizes)
     pose = np.column_stack([1e-3 * np.array(centres), size[:, 0] / 2, np.zeros(len(centres))])
-    return Scene(pose, size, 1e-3 * np.array(inserted))
+    return ShelfScene(pose, size, 1e-3 * np.array(inserted))
 
 
-def require_valid(scene: Scene, answer: SceneAnswer, shelf: Shelf) -> None:
+def require_valid(scene: ShelfScene, answer: SceneAnswer, shelf: Shelf) -> None:
     """Independent of the search: the checker at a thousandth of a mm, the cost anew, the bound."""
     assert answer.placement is not None
     scenes = Scenes.of([scene])

@@ -11,7 +11,7 @@ from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.check.checks import PlacementCheck
 from climbplan.bookshelf.check.published import check_published, infer_published_states
 from climbplan.bookshelf.scene.rectangles import find_slots
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State
+from climbplan.bookshelf.scene.shelf_scene import BookState, Scenes, Shelf, ShelfScene
 
 SHELF = Shelf()
 TILT = 0.5
@@ -44,8 +44,10 @@ def _good() -> tuple[Scenes, np.ndarray, np.ndarray]:
             [0.012, 0.035, 0.0],
         ]
     )
-    state = np.array([State.LEAN_LEFT, State.UPRIGHT, State.FLAT_RIGHT, State.UPRIGHT], np.int64)
-    scenes = Scenes.of([Scene(pose[:3], size, inserted)])
+    state = np.array(
+        [BookState.LEAN_LEFT, BookState.UPRIGHT, BookState.FLAT_RIGHT, BookState.UPRIGHT], np.int64
+    )
+    scenes = Scenes.of([ShelfScene(pose[:3], size, inserted)])
     return scenes, pose[None], state[None]
 
 
@@ -93,11 +95,11 @@ def test_ground() -> None:
 
 def test_state_must_fit_the_angle() -> None:
     scenes, pose, state = _good()
-    state[0, 1] = State.FLAT_LEFT
+    state[0, 1] = BookState.FLAT_LEFT
     broken = _broken(check_contact(scenes, pose, state, SHELF))
     assert broken == {"book.state": pytest.approx(math.pi / 2)}
     scenes, pose, state = _good()
-    state[0, 0] = State.LEAN_RIGHT  # tilted to the left
+    state[0, 0] = BookState.LEAN_RIGHT  # tilted to the left
     broken = _broken(check_contact(scenes, pose, state, SHELF))
     assert broken["book.state"] == pytest.approx(TILT)
     assert "book.support" in broken  # and nothing near to lean on
@@ -116,7 +118,7 @@ def test_upside_down_is_no_state() -> None:
 
 def test_the_inserted_book_must_not_lean() -> None:
     scenes, pose, state = _good()
-    state[0, 3] = State.LEAN_LEFT
+    state[0, 3] = BookState.LEAN_LEFT
     assert _broken(check_contact(scenes, pose, state, SHELF))["book.state"] == math.inf
 
 
@@ -140,12 +142,12 @@ def test_support_by_wall_and_by_neighbour() -> None:
     # Book 1 leans on book 0, made upright, from 5 mm away.
     scenes, pose, state = _good()
     pose[0, 0] = [SHELF.left + 0.010, 0.040, 0.0]
-    state[0, 0] = State.UPRIGHT
+    state[0, 0] = BookState.UPRIGHT
     angle = 0.6
     # Top left corner of book 1, below the top of book 0.
     reach = (0.02 * math.cos(angle) + 0.07 * math.sin(angle)) / 2
     pose[0, 1] = [SHELF.left + 0.020 + 0.005 + reach, _height(angle, 0.07, 0.02), angle]
-    state[0, 1] = State.LEAN_LEFT
+    state[0, 1] = BookState.LEAN_LEFT
     assert _broken(check_contact(scenes, pose, state, SHELF)) == {
         "book.support": pytest.approx(0.9)
     }
@@ -218,10 +220,10 @@ def test_published_line_passes_named_corners() -> None:
     apart = 0.02 / math.cos(angle)
     second = first + np.array([apart + 0.004 / math.cos(angle), 0, 0])
     inserted = np.array([0.05, 0.03, 0.0])
-    scenes = Scenes.of([Scene(np.stack([first, second]), size, np.array([0.06, 0.02]))])
+    scenes = Scenes.of([ShelfScene(np.stack([first, second]), size, np.array([0.06, 0.02]))])
     pose = np.stack([first, second, inserted])[None]
     state = infer_published_states(scenes, pose, SHELF)
-    assert state.tolist() == [[State.LEAN_LEFT, State.LEAN_LEFT, State.UPRIGHT]]
+    assert state.tolist() == [[BookState.LEAN_LEFT, BookState.LEAN_LEFT, BookState.UPRIGHT]]
     check = check_published(scenes, pose, state, SHELF)
     # Sides 4 mm apart: the best line turns a little to come near both corners.
     assert check["book.stability"].passed[0]
@@ -252,4 +254,4 @@ def test_published_states_are_those_that_fit() -> None:
     pose[0, 2, 2] = -1.3
     assert infer_published_states(scenes, pose, SHELF).tolist() == state.tolist()
     pose[0, 2, 1] = _height(1.3, 0.055, 0.02)  # now it rests on a corner
-    assert infer_published_states(scenes, pose, SHELF)[0, 2] == State.LEAN_RIGHT
+    assert infer_published_states(scenes, pose, SHELF)[0, 2] == BookState.LEAN_RIGHT

@@ -7,7 +7,7 @@ import pytest
 
 from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver, SceneAnswer
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, compute_movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, ShelfScene, compute_movement_cost
 from climbplan.errors import UsageError
 
 SHELF = Shelf()
@@ -21,14 +21,14 @@ def solver() -> ExactSolver:
 
 def upright(
     centers: list[float], sizes: list[tuple[float, float]], inserted: tuple[float, float]
-) -> Scene:
+) -> ShelfScene:
     """Stored books standing at centres [m], sizes (height, width) [m]."""
     size = np.array(sizes)
     pose = np.column_stack([centers, size[:, 0] / 2, np.zeros(len(centers))])
-    return Scene(pose, size, np.array(inserted))
+    return ShelfScene(pose, size, np.array(inserted))
 
 
-def random_upright(seed: int, books: int) -> Scene:
+def random_upright(seed: int, books: int) -> ShelfScene:
     """Books standing in a row with random gaps; the inserted one often does not fit between."""
     rng = np.random.default_rng(seed)
     widths, heights = rng.uniform(0.01, 0.03, books), rng.uniform(0.05, 0.09, books)
@@ -40,7 +40,7 @@ def random_upright(seed: int, books: int) -> Scene:
     return upright((left + widths / 2).tolist(), sizes, inserted)
 
 
-def require_sound(scene: Scene, answer: SceneAnswer) -> None:
+def require_sound(scene: ShelfScene, answer: SceneAnswer) -> None:
     """Independent of the search: the checker at 0.01 mm, the cost anew, the bound below it."""
     assert answer.status == "optimal"
     assert answer.placement is not None
@@ -83,7 +83,7 @@ def test_a_larger_inserted_book_never_costs_less(solver: ExactSolver) -> None:
     base = random_upright(5, 4)
     costs = []
     for width in (0.02, 0.03, 0.04):
-        scene = Scene(base.pose, base.size, np.array([0.105, width]))
+        scene = ShelfScene(base.pose, base.size, np.array([0.105, width]))
         answer = solver.solve(scene)
         require_sound(scene, answer)
         costs.append(answer.objective)

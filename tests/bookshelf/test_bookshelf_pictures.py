@@ -22,7 +22,7 @@ from climbplan.bookshelf.pages.pictures import (
     is_moved,
 )
 from climbplan.bookshelf.scene.rectangles import compute_corners
-from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, State
+from climbplan.bookshelf.scene.shelf_scene import BookState, Scenes, Shelf
 
 SHELF = Shelf()
 
@@ -45,7 +45,7 @@ def test_before_and_after(solved) -> None:  # type: ignore[no-untyped-def]
     )
     books = [p for p in after.patches if isinstance(p, Polygon) and p.get_facecolor()[3] > 0]
     colors = [to_hex(p.get_facecolor()).upper() for p in books]
-    expected = [COLORS[State(s)].upper() for s in answer.placement.state[:3]]
+    expected = [COLORS[BookState(s)].upper() for s in answer.placement.state[:3]]
     assert colors == [*expected, INSERTED.upper()]
     arrows = [p for p in after.patches if isinstance(p, FancyArrowPatch)]
     assert len(arrows) == sum(is_moved(scene, answer.placement, k) for k in range(3)) > 0

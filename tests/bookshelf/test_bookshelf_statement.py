@@ -14,7 +14,7 @@ from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.table_method import build_published_partitions
 from climbplan.bookshelf.plan.answer import Placement
 from climbplan.bookshelf.scene.scene_file import read_scenes
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, ShelfScene
 from climbplan.bookshelf.statement.points import (
     build_initial_placement,
     build_point,
@@ -138,7 +138,7 @@ def test_scip_bounds_hold(scenes: Scenes) -> None:
         ]
     )
     size = np.array([[0.075, 0.029], [0.072, 0.019], [0.080, 0.023]])
-    scene = Scene(pose, size, np.array([0.086, 0.040]))
+    scene = ShelfScene(pose, size, np.array([0.086, 0.040]))
     program, best = build_bookshelf_program(3, SHELF), ExactSolver(SHELF).solve(scene)
     assert best.placement is not None
     x = build_point(program, scene, best.placement)
@@ -156,7 +156,7 @@ def test_the_published_counts() -> None:
     for meaning in ("contact", "published"):
         program = build_bookshelf_program(3, SHELF, meaning)  # type: ignore[arg-type]
         assert program.counts()["binary"] == 18
-        scene = Scene(np.zeros((3, 3)), np.full((3, 2), 0.05), np.array([0.05, 0.02]))
+        scene = ShelfScene(np.zeros((3, 3)), np.full((3, 2), 0.05), np.array([0.05, 0.02]))
         parts = build_published_partitions(program)
         form = McCormick(parts, "log2").apply(program.instantiate(build_theta(scene)))
         assert form.instance.binary_count == 130
@@ -168,7 +168,7 @@ def test_any_number_of_books(count: int) -> None:
     shelf = replace(SHELF, left=-half, right=half)
     x = np.linspace(-half + 0.01, half - 0.03, count)
     pose = np.column_stack([x, np.full(count, 0.03), np.zeros(count)])
-    scene = Scene(pose, np.full((count, 2), [0.06, 0.012]), np.array([0.07, 0.02]))
+    scene = ShelfScene(pose, np.full((count, 2), [0.06, 0.012]), np.array([0.07, 0.02]))
     answer = ExactSolver(shelf).solve(scene)
     assert answer.placement is not None
     program = build_bookshelf_program(count, shelf)

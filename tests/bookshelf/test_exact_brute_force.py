@@ -16,7 +16,7 @@ from bookshelf_scenes import HALF_MM, PUBLISHED
 from exact_cases import Case, non_trivial, require_valid, shelf_of, upright
 
 from climbplan.bookshelf.exact.method import ExactSolver
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, ShelfScene
 
 
 def _require_agreement(case: Case, n: int) -> None:
@@ -61,7 +61,7 @@ def test_published_scenes_of_three_books() -> None:
         _require_agreement(Case(theta, scene, solver.solve(scene)), 3)
 
 
-def _fits(scene: Scene, shelf: Shelf, extra: float) -> bool:
+def _fits(scene: ShelfScene, shelf: Shelf, extra: float) -> bool:
     """Whether brute force finds any placement on a shelf that is wider by `extra` [m]."""
     theta = Scenes.of([scene]).theta("mm")[0]
     right = 1e3 * (shelf.right + extra)
@@ -91,7 +91,9 @@ def test_missing_width_of_a_book_that_can_only_lean() -> None:
     """It leans as steeply as the clear height lets it: with h = 140, w = 20 below 100 the tilt's
     sine is 0.8, for 20 x 0.8 + 140 x 0.6 = 100, and it takes 140 x 0.8 + 20 x 0.6 = 124."""
     tilt = math.asin(0.8)
-    scene = Scene(np.array([[0.0, 0.05, -tilt]]), np.array([[0.14, 0.02]]), np.array([0.099, 0.09]))
+    scene = ShelfScene(
+        np.array([[0.0, 0.05, -tilt]]), np.array([[0.14, 0.02]]), np.array([0.099, 0.09])
+    )
     shelf = Shelf(left=-0.08, right=0.08, height=0.1)
     answer = ExactSolver(shelf).solve(scene)
     assert answer.status == "infeasible"

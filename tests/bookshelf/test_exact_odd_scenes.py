@@ -10,20 +10,20 @@ from exact_cases import require_valid, upright
 
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.plan.answer import SceneAnswer
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State
+from climbplan.bookshelf.scene.shelf_scene import BookState, Scenes, Shelf, ShelfScene
 from climbplan.errors import UsageError
 
 SHELF = Shelf()
 
 
-def _optimum(scene: Scene, shelf: Shelf = SHELF) -> SceneAnswer:
+def _optimum(scene: ShelfScene, shelf: Shelf = SHELF) -> SceneAnswer:
     answer = ExactSolver(shelf).solve(scene)
     assert answer.status == "optimal"
     require_valid(scene, answer, shelf)
     return answer
 
 
-def _proved_missing(scene: Scene, shelf: Shelf = SHELF) -> float:
+def _proved_missing(scene: ShelfScene, shelf: Shelf = SHELF) -> float:
     """Missing width [mm] of a scene without a placement."""
     answer = ExactSolver(shelf).solve(scene)
     assert answer.status == "infeasible"
@@ -43,7 +43,7 @@ def test_a_shelf_exactly_as_wide_as_the_books(seed: int) -> None:
     scene = upright([-30.0, 0.0, 30.0], sizes[:3], sizes[3])
     answer = _optimum(scene, Shelf(left=-half, right=half))
     assert answer.placement is not None
-    assert (answer.placement.state == State.UPRIGHT).all()
+    assert (answer.placement.state == BookState.UPRIGHT).all()
     costs = []
     for slot in range(4):  # the books in their order, packed, with the inserted one at the slot
         packed = np.insert(widths[:3], slot, widths[3])
@@ -88,7 +88,7 @@ def test_books_that_stick_out_of_the_shelf_are_pushed_in() -> None:
 def test_floating_books_come_down() -> None:
     scene = upright([-50, 50], [(80, 30)] * 2, (80, 20))
     pose = scene.pose + np.array([[0, 0.004, 0], [0, 0.003, 0]])
-    floating = Scene(pose, scene.size, scene.inserted)
+    floating = ShelfScene(pose, scene.size, scene.inserted)
     down = 4.0**2 + 3.0**2
     answer = _optimum(floating, Shelf(lean_margin=math.pi / 2))  # no leaning
     assert answer.objective == pytest.approx(down, abs=0.01)
@@ -99,7 +99,7 @@ def test_a_tall_book_fits_only_flat() -> None:
     shelf = Shelf(left=-0.15, right=0.15)
     answer = _optimum(upright([-60, 60], [(105, 30)] * 2, (150, 20)), shelf)
     assert answer.placement is not None
-    assert answer.placement.state[-1] == State.FLAT_LEFT
+    assert answer.placement.state[-1] == BookState.FLAT_LEFT
     # 150 between the two takes 120 + 30 - 120 + 30 = 60 away from 90 of room: each gives 30.
     assert answer.objective == pytest.approx(2 * 30.0**2, abs=0.2)
     scene = upright([-60, 60], [(105, 30)] * 2, (150, 20))
@@ -107,7 +107,7 @@ def test_a_tall_book_fits_only_flat() -> None:
 
 
 def test_a_stored_book_that_was_stored_flat_as_it_is_too_tall() -> None:
-    scene = Scene(
+    scene = ShelfScene(
         np.array([[0.0, 0.01, math.pi / 2]]), np.array([[0.15, 0.02]]), np.array([0.1, 0.1])
     )
     answer = _optimum(scene, Shelf(left=-0.125, right=0.125))
@@ -124,7 +124,7 @@ def test_identical_books_at_one_place_are_parted(count: int) -> None:
 
 def test_sheets_of_a_millimetre() -> None:
     pose = np.array([[-0.04, 0.03, 0.5], [0.0, 0.02, -0.9], [0.04, 0.02, 1.2]])
-    _optimum(Scene(pose, np.array([[0.08, 0.001]] * 3), np.array([0.08, 0.1])))
+    _optimum(ShelfScene(pose, np.array([[0.08, 0.001]] * 3), np.array([0.08, 0.1])))
     assert _optimum(upright([-40, 0, 40], [(80, 1)] * 3, (80, 1))).objective == 0
 
 
@@ -149,7 +149,7 @@ def test_no_place_no_answer(value: float, column: int) -> None:
     pose = scene.pose.copy()
     pose[0, column] = value
     with pytest.raises(UsageError, match="book 0: "):
-        ExactSolver(SHELF).solve(Scene(pose, scene.size, scene.inserted))
+        ExactSolver(SHELF).solve(ShelfScene(pose, scene.size, scene.inserted))
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -0.01])
@@ -159,7 +159,7 @@ def test_no_inserted_book_no_answer(value: float, column: int) -> None:
     inserted = scene.inserted.copy()
     inserted[column] = value
     with pytest.raises(UsageError, match="inserted: "):
-        ExactSolver(SHELF).solve(Scene(scene.pose, scene.size, inserted))
+        ExactSolver(SHELF).solve(ShelfScene(scene.pose, scene.size, inserted))
 
 
 # Rows of generated and random scenes whose searches did not end: intervals were halved that were

@@ -12,14 +12,20 @@ from hypothesis import strategies as st
 
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.plan.answer import SceneAnswer
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State, compute_movement_cost
+from climbplan.bookshelf.scene.shelf_scene import (
+    BookState,
+    Scenes,
+    Shelf,
+    ShelfScene,
+    compute_movement_cost,
+)
 
 _LIMITS = ExactLimits(nodes=3000)  # what holds must hold of unfinished searches as well
 
 
 @dataclass(frozen=True)
 class Setting:
-    scene: Scene
+    scene: ShelfScene
     shelf: Shelf
 
 
@@ -49,10 +55,10 @@ def _settings(draw: st.DrawFn) -> Setting:
         book_gap=1e-3 * draw(st.sampled_from([4.1, 4.1, 1.0])),
         lean_margin=draw(st.sampled_from([0.0, 0.0, 0.1])),
     )
-    return Setting(Scene(np.array(rows) * scale, 1e-3 * size[:-1], 1e-3 * size[-1]), shelf)
+    return Setting(ShelfScene(np.array(rows) * scale, 1e-3 * size[:-1], 1e-3 * size[-1]), shelf)
 
 
-def _solve(scene: Scene, shelf: Shelf) -> SceneAnswer:
+def _solve(scene: ShelfScene, shelf: Shelf) -> SceneAnswer:
     answer = ExactSolver(shelf, _LIMITS).solve(scene)
     if answer.placement is None:
         assert answer.objective == math.inf
@@ -83,7 +89,7 @@ _many = settings(max_examples=40, suppress_health_check=[HealthCheck.too_slow])
 def test_a_mirrored_scene_has_the_same_optimum(setting: Setting) -> None:
     scene, shelf = setting.scene, setting.shelf
     pose = scene.pose[::-1] * np.array([-1.0, 1.0, -1.0])
-    mirrored = Scene(pose, scene.size[::-1].copy(), scene.inserted)
+    mirrored = ShelfScene(pose, scene.size[::-1].copy(), scene.inserted)
     _require_same(
         _solve(scene, shelf),
         _solve(mirrored, replace(shelf, left=-shelf.right, right=-shelf.left)),
@@ -94,7 +100,7 @@ def test_a_mirrored_scene_has_the_same_optimum(setting: Setting) -> None:
 @given(_settings(), st.floats(-1.0, 1.0))
 def test_a_shelf_elsewhere_has_the_same_optimum(setting: Setting, shift: float) -> None:
     scene, shelf = setting.scene, setting.shelf
-    moved = Scene(scene.pose + np.array([shift, 0.0, 0.0]), scene.size, scene.inserted)
+    moved = ShelfScene(scene.pose + np.array([shift, 0.0, 0.0]), scene.size, scene.inserted)
     elsewhere = replace(shelf, left=shelf.left + shift, right=shelf.right + shift)
     _require_same(_solve(scene, shelf), _solve(moved, elsewhere))
 
@@ -105,7 +111,7 @@ def test_a_smaller_inserted_book_never_costs_more(
     setting: Setting, height: float, width: float
 ) -> None:
     scene, shelf = setting.scene, setting.shelf
-    small = Scene(scene.pose, scene.size, scene.inserted * np.array([height, width]))
+    small = ShelfScene(scene.pose, scene.size, scene.inserted * np.array([height, width]))
     _require_no_dearer(_solve(small, shelf), _solve(scene, shelf))
 
 
@@ -115,7 +121,7 @@ def test_a_wider_shelf_never_costs_more(setting: Setting, extra: float) -> None:
     """Unless the right wall is moved away from a book that leans on it."""
     scene, shelf = setting.scene, setting.shelf
     answer = _solve(scene, shelf)
-    if answer.placement is None or answer.placement.state[-2] == State.LEAN_RIGHT:
+    if answer.placement is None or answer.placement.state[-2] == BookState.LEAN_RIGHT:
         return
     _require_no_dearer(_solve(scene, replace(shelf, right=shelf.right + extra)), answer)
 
@@ -128,7 +134,7 @@ def test_what_is_placed_well_stays(setting: Setting) -> None:
     answer = _solve(scene, shelf)
     if answer.placement is None:
         return
-    again = Scene(answer.placement.pose[:-1], scene.size, scene.inserted)
+    again = ShelfScene(answer.placement.pose[:-1], scene.size, scene.inserted)
     assert compute_movement_cost(Scenes.of([again]), answer.placement.pose[None])[0] == 0.0
     settled = _solve(again, shelf)
     assert settled.bound <= 1e-6

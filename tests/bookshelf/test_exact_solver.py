@@ -14,7 +14,7 @@ from climbplan.bookshelf.exact import method
 from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
 from climbplan.bookshelf.exact.search import PAUSED
 from climbplan.bookshelf.plan.answer import SceneAnswer
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State
+from climbplan.bookshelf.scene.shelf_scene import BookState, Scenes, Shelf, ShelfScene
 from climbplan.errors import UsageError
 
 SHELF = Shelf()
@@ -34,7 +34,9 @@ def _physical(half: float) -> np.ndarray:
     return np.array([-half + 20, 40, 0, 80, 40, 0, 40, 0, 80, 40, half - 20, 40, 0, 80, 40])
 
 
-def _solve(theta: np.ndarray, shelf: Shelf = SHELF, **limits: float) -> tuple[Scene, SceneAnswer]:
+def _solve(
+    theta: np.ndarray, shelf: Shelf = SHELF, **limits: float
+) -> tuple[ShelfScene, SceneAnswer]:
     scene = Scenes.from_theta(theta[None], "mm")[0]
     return scene, ExactSolver(shelf, ExactLimits(**limits)).solve(scene)  # type: ignore[arg-type]
 
@@ -45,7 +47,7 @@ def test_nothing_moves_where_there_is_room() -> None:
     )
     assert answer.objective == pytest.approx(0, abs=1e-12)
     assert answer.placement is not None
-    assert answer.placement.state.tolist() == [State.UPRIGHT] * 4
+    assert answer.placement.state.tolist() == [BookState.UPRIGHT] * 4
 
 
 def test_a_book_slides_no_farther_than_needed() -> None:
@@ -89,10 +91,10 @@ def test_leaning_can_save_what_standing_cannot() -> None:
     scene, answer = _solve(theta, shelf)
     assert answer.placement is not None
     assert set(answer.placement.state[:2].tolist()) <= {
-        State.LEAN_LEFT,
-        State.LEAN_RIGHT,
-        State.FLAT_LEFT,
-        State.FLAT_RIGHT,
+        BookState.LEAN_LEFT,
+        BookState.LEAN_RIGHT,
+        BookState.FLAT_LEFT,
+        BookState.FLAT_RIGHT,
     }
     require_valid(scene, answer, shelf)
 
@@ -155,7 +157,7 @@ def test_no_books_no_answer(value: float) -> None:
     size = scene.size.copy()
     size[1, 1] = value
     with pytest.raises(UsageError, match="book 1: width"):
-        ExactSolver(SHELF).solve(Scene(scene.pose, size, scene.inserted))
+        ExactSolver(SHELF).solve(ShelfScene(scene.pose, size, scene.inserted))
 
 
 def test_five_books() -> None:
@@ -210,9 +212,9 @@ def test_a_tree_has_room_for_placements_of_many_books(monkeypatch: pytest.Monkey
     assert 0 <= tree.counters[method.UNUSED] <= len(tree.pool) - 2 * (books + 1)
 
 
-def _many(count: int) -> Scene:
+def _many(count: int) -> ShelfScene:
     """Thin books side by side."""
     width = 0.002
     centre = SHELF.left + width * (np.arange(count) + 0.5)
     pose = np.column_stack([centre, np.full(count, 0.03), np.zeros(count)])
-    return Scene(pose, np.tile([0.06, width], (count, 1)), np.array([0.06, width]))
+    return ShelfScene(pose, np.tile([0.06, width], (count, 1)), np.array([0.06, width]))

@@ -9,25 +9,25 @@ from climbplan.bookshelf.check.checker import check_contact
 from climbplan.bookshelf.exact.method import ExactSolver
 from climbplan.bookshelf.methods.mirror import SolvedScene, mirror_scene
 from climbplan.bookshelf.scene.rectangles import find_slots
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, compute_movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, ShelfScene, compute_movement_cost
 
 SHELF = Shelf()
 SOLVER = ExactSolver(SHELF)
 
 
-def _scene(rng: np.random.Generator) -> Scene:
+def _scene(rng: np.random.Generator) -> ShelfScene:
     """Three upright books with gaps that are too narrow for a fourth."""
     size = np.stack([rng.uniform(0.06, 0.09, 4), rng.uniform(0.02, 0.03, 4)], axis=1)
     left = SHELF.left + np.cumsum([0.004, size[0, 1] + 0.011, size[1, 1] + 0.012])
     pose = np.stack([left + size[:3, 1] / 2, size[:3, 0] / 2, np.zeros(3)], axis=1)
-    return Scene(pose, size[:3], size[3])
+    return ShelfScene(pose, size[:3], size[3])
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_a_shelf_that_is_not_about_zero(seed: int) -> None:
     """Mirrored about its own middle a placement holds; about zero it would be beyond a wall."""
     scene, shift = _scene(np.random.default_rng(seed)), np.array([0.03, 0.0, 0.0])
-    scene = Scene(scene.pose + shift, scene.size, scene.inserted)
+    scene = ShelfScene(scene.pose + shift, scene.size, scene.inserted)
     shelf = Shelf(left=SHELF.left + 0.03, right=SHELF.right + 0.03)
     placement = ExactSolver(shelf).solve(scene).placement
     assert placement is not None

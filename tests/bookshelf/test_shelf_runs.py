@@ -19,7 +19,7 @@ from climbplan.bookshelf.plan.file import write_shelf_plan
 from climbplan.bookshelf.planner import runs
 from climbplan.bookshelf.planner.runs import check_answers, run_shelf, solve_scenes
 from climbplan.bookshelf.scene.oddities import find_oddities
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, ShelfScene
 from climbplan.bookshelf.schema.loading import LoadedShelf, load_shelf
 from climbplan.bookshelf.schema.model import ShelfSolverSpec
 from climbplan.errors import Infeasible
@@ -47,7 +47,7 @@ def shifted(monkeypatch: pytest.MonkeyPatch) -> Callable[[float], None]:
             def __init__(self, exact: SceneMethod) -> None:
                 self.exact = exact
 
-            def solve(self, scene: Scene) -> SceneAnswer:
+            def solve(self, scene: ShelfScene) -> SceneAnswer:
                 answer = self.exact.solve(scene)
                 assert answer.placement is not None
                 pose = answer.placement.pose + np.array([[0, 0, 0]] * scene.count + [[by, 0, 0]])

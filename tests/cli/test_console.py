@@ -7,12 +7,12 @@ import warnings
 
 import pytest
 
-from climbplan.cli.console import Session, plain_messages
+from climbplan.cli.console import Invocation, plain_messages
 
 
 def test_figures_first_run_is_not_told(capsys: pytest.CaptureFixture[str]) -> None:
     library = logging.getLogger("matplotlib.font_manager")
-    with plain_messages(Session()):
+    with plain_messages(Invocation()):
         library.warning("Matplotlib is building the font cache; this may take a moment.")
         library.error("no font at all")
     assert "building the font cache" not in capsys.readouterr().err
@@ -22,9 +22,9 @@ def test_figures_first_run_is_not_told(capsys: pytest.CaptureFixture[str]) -> No
 def test_notes_of_the_log_are_lines_of_the_run(capsys: pytest.CaptureFixture[str]) -> None:
     log = logging.getLogger("climbplan.somewhere")
     for session, expected in (
-        (Session(), "seen\nwarning: careful\n"),
-        (Session(quiet=True), "warning: careful\n"),
-        (Session(verbose=True), "seen\ndetail\nwarning: careful\n"),
+        (Invocation(), "seen\nwarning: careful\n"),
+        (Invocation(quiet=True), "warning: careful\n"),
+        (Invocation(verbose=True), "seen\ndetail\nwarning: careful\n"),
     ):
         with plain_messages(session):
             log.info("seen", extra={"note": True})
@@ -34,7 +34,7 @@ def test_notes_of_the_log_are_lines_of_the_run(capsys: pytest.CaptureFixture[str
 
 
 def test_warnings_are_single_lines(capsys: pytest.CaptureFixture[str]) -> None:
-    with plain_messages(Session()), warnings.catch_warnings():
+    with plain_messages(Invocation()), warnings.catch_warnings():
         warnings.simplefilter("always")
         warnings.warn("two of them\n  in the source", stacklevel=1)
     assert capsys.readouterr().err.startswith("warning: two of them")

@@ -40,14 +40,14 @@ def finished(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
     from climbplan.datasets import workspace
 
-    original = workspace.Workspace.remove
+    original = workspace.RunDirectory.remove
 
-    def copied(self: workspace.Workspace) -> None:
+    def copied(self: workspace.RunDirectory) -> None:
         shutil.copytree(self.path, keep)
         original(self)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(workspace.Workspace, "remove", copied)
+        patch.setattr(workspace.RunDirectory, "remove", copied)
         assert run(["gen-data", str(place / "small_data.yaml"), "--out", str(place / "out")]) == 0
     return place
 

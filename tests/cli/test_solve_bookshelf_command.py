@@ -21,7 +21,7 @@ from climbplan.bookshelf.plan.answer import SceneAnswer
 from climbplan.bookshelf.plan.file import read_shelf_plan
 from climbplan.bookshelf.planner import runs
 from climbplan.bookshelf.scene.scene_file import write_scenes
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes
+from climbplan.bookshelf.scene.shelf_scene import Scenes, ShelfScene
 
 SPECS = Path(__file__).parents[2] / "specs"
 SCENE = str(SPECS / "bookshelf_scene.yaml")
@@ -56,7 +56,7 @@ def use_method(
         def __init__(self, setting: MethodSetting) -> None:
             self.exact, self.count = ExactSolver(setting.shelf), 0
 
-        def solve(self, scene: Scene) -> SceneAnswer:
+        def solve(self, scene: ShelfScene) -> SceneAnswer:
             self.count += 1
             return answer(self.count - 1, self.exact.solve(scene))
 

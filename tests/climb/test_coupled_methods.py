@@ -17,7 +17,7 @@ from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_climb
 from climbplan.learning.envelope_box import Envelope
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.solvers.registry import solve
 
 
@@ -53,7 +53,9 @@ def test_more_pieces_bound_better(walls: CoupledProblem) -> None:
     known = known_point(walls)
     assert known is not None
     cost = instance.objective(known.x)
-    tight = tighten_bounds(instance, Range(instance.lower, instance.upper), cost, 60.0, passes=1)
+    tight = tighten_bounds(
+        instance, ElementwiseRange(instance.lower, instance.upper), cost, 60.0, passes=1
+    )
     bounds = [
         solve(build_accurate_program(walls, tight.bounds, pieces), "highs", gap=1e-3).bound
         for pieces in (1, 4)
@@ -67,7 +69,7 @@ def test_tightening_keeps_points_that_are_as_good(walls: CoupledProblem) -> None
     known = known_point(walls)
     assert known is not None
     cost = instance.objective(known.x)
-    within = Range(instance.lower, instance.upper)
+    within = ElementwiseRange(instance.lower, instance.upper)
     tight = tighten_bounds(instance, within, 1.05 * cost, 60.0, passes=2)
     assert not tight.infeasible
     assert (tight.bounds.lower <= known.x + 1e-6).all()

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.world_sample import WorldSample
-from climbplan.climb.proposed.outcome import Outcome
+from climbplan.climb.proposed.outcome import SpecOutcome
 from climbplan.climb.proposed.proposed import ProposalTrials
 
 TEXT = "kind: climb\nforce: {safety_friction: 1.2}\nseed: 0\n"
 
 
-def outcome(text: str, falls: int, share: float = 1.0) -> Outcome:
+def outcome(text: str, falls: int, share: float = 1.0) -> SpecOutcome:
     plan: Any = SimpleNamespace(forces=SimpleNamespace(margin_share=np.array([share]), notes=()))
     sample = WorldSample("statics", 0, 100, falls, 0.0, 1.0, {})
-    return Outcome("climbs", plan, "", text, sample=sample)
+    return SpecOutcome("climbs", plan, "", text, sample=sample)
 
 
 @pytest.mark.parametrize(
@@ -36,7 +36,7 @@ def test_margins_grow_as_long_as_they_are_kept(
 ) -> None:
     texts: list[str] = []
 
-    def plan(what: str, text: str, brace: object) -> Outcome:
+    def plan(what: str, text: str, brace: object) -> SpecOutcome:
         texts.append(text)
         return outcome(text, falls[len(texts)])
 

@@ -19,7 +19,7 @@ from climbplan.climb.clearance.limbs import (
     find_limb_shortfall,
 )
 from climbplan.climb.clearance.swing import (
-    Swing,
+    LimbSwing,
     SwingBlocked,
     list_swings,
     plan_swing_path,
@@ -56,7 +56,7 @@ def lid(height: float) -> Solid:
     return Solid.from_box("lid", np.array([-0.6, -0.7, height]), np.array([0.6, 0.7, height + 0.1]))
 
 
-def densely(scene: ClimbScene, swing: Swing, path: Array) -> Array:
+def densely(scene: ClimbScene, swing: LimbSwing, path: Array) -> Array:
     """Joints and toe (S, 4, 3) of the swinging limb, every 2 mm from contact to contact."""
     points = [swing.old, *path, swing.new]
     toes = np.concatenate(

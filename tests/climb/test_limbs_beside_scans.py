@@ -17,10 +17,10 @@ from known_surfaces import box, joined, quad, rough_chimney, rough_shaft
 import climbplan
 from climbplan.arrays import Array
 from climbplan.climb.check.anew.capsules import build_capsules
-from climbplan.climb.check.scan_links import Contacts as Checked
+from climbplan.climb.check.scan_links import PoseFootholds as Checked
 from climbplan.climb.check.scan_links import judge_scan_links
 from climbplan.climb.check.subject import Subject
-from climbplan.climb.clearance.raw_surface import Contacts, find_nearest_raw
+from climbplan.climb.clearance.raw_surface import ToeContacts, find_nearest_raw
 from climbplan.robots.capsules import straight_capsules
 from climbplan.robots.model import Robot
 from climbplan.scan.raw import RawScan
@@ -45,7 +45,7 @@ def both(raw: RawScan, points: Array, places: Array, normals: Array) -> tuple[fl
     scan = RawSurface(raw.vertices, raw.triangles, FLATNESS, 0.01)
     known = ~np.isnan(places).any(axis=1)
     links = straight_capsules(points, RADIUS)
-    found = find_nearest_raw(scan, links, Contacts(places[known], normals[known]), 0.0)
+    found = find_nearest_raw(scan, links, ToeContacts(places[known], normals[known]), 0.0)
     plan = SimpleNamespace(terrain=SimpleNamespace(scan=scan))
     subject = cast("Subject", SimpleNamespace(plan=plan, name_limb=lambda *_: "limb"))
     robot = SimpleNamespace(

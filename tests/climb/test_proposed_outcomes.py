@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.world_sample import WorldSample, compute_wilson_interval
-from climbplan.climb.proposed.outcome import Outcome
+from climbplan.climb.proposed.outcome import SpecOutcome
 
 
 @pytest.mark.parametrize(
@@ -28,16 +28,16 @@ def test_plans_that_keep_none_of_their_margins_may_fall(
     share = None if kept is None else np.array(kept)
     forces = SimpleNamespace(margin_share=share, notes=("torque of RF knee",))
     plan: Any = SimpleNamespace(forces=forces)
-    assert str(Outcome("climbs", plan, "")) == words
+    assert str(SpecOutcome("climbs", plan, "")) == words
 
 
-def outcome(share: float, falls: int | None, **other: Any) -> Outcome:
+def outcome(share: float, falls: int | None, **other: Any) -> SpecOutcome:
     plan: Any = SimpleNamespace(forces=SimpleNamespace(margin_share=np.array([share]), notes=()))
     sample = None
     if falls is not None:
         lower, upper = compute_wilson_interval(100 - falls, 100)
         sample = WorldSample("statics", 0, 100, falls, lower, upper, {}, ("30: a toe slides",))
-    return Outcome("climbs", plan, "", sample=sample, **other)
+    return SpecOutcome("climbs", plan, "", sample=sample, **other)
 
 
 def test_worlds_decide_where_they_were_played() -> None:
@@ -47,7 +47,7 @@ def test_worlds_decide_where_they_were_played() -> None:
     assert not keeping.is_good_enough(0.9)
     assert outcome(1.0, None).is_good_enough(0.9)
     assert not outcome(0.8, None).is_good_enough(0.9)
-    refused = Outcome("climbs", None, "no posture")
+    refused = SpecOutcome("climbs", None, "no posture")
     assert keeping.rank > refused.rank
     assert not refused.is_good_enough(0.0)
 

@@ -6,7 +6,7 @@ import pytest
 
 from climbplan.climb.planner.automatic import FailedTrial, NoTrialSucceeded
 from climbplan.climb.planner.remedies import describe_as_planned, format_remedies
-from climbplan.climb.planner.trials import Trial
+from climbplan.climb.planner.trials import MethodVariant
 from climbplan.errors import Conflict, Remedy, Unresolved
 
 PAYLOAD = Remedy("payload <= 2.33 kg", "task.payload.mass", 2.33)
@@ -33,7 +33,7 @@ def test_a_limit_becomes_what_was_planned_with(remedy: Remedy, words: str) -> No
 def test_a_refusal_claims_no_limit() -> None:
     conflict = Conflict("round 1, LF lifted", ("torque of LF", "friction at RR"), (PAYLOAD,))
     error = Unresolved("no forces", [conflict], because="postures were chosen", stage="force")
-    tried = FailedTrial(Trial("micp", "micp"), error, 0.1)
+    tried = FailedTrial(MethodVariant("micp", "micp"), error, 0.1)
     text = str(NoTrialSucceeded([tried], [describe_as_planned(PAYLOAD)], time_ran_out=False))
     assert "what was tried is feasible with payload <= 2.33 kg" in text
     assert "needed" not in text

@@ -10,7 +10,7 @@ import pytest
 from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.motion.in_hand import plan_with_torque_reserve
 from climbplan.climb.motion.trajectory import TimedMotion
-from climbplan.climb.plan.climb_plan import ClimbPlan, Forces
+from climbplan.climb.plan.climb_plan import ClimbPlan, InstantForces
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_climb
@@ -31,7 +31,7 @@ def _plan() -> ClimbPlan:
 
 def played_with(
     monkeypatch: pytest.MonkeyPatch, plan: ClimbPlan, uses: list[float]
-) -> tuple[Forces, list[float]]:
+) -> tuple[InstantForces, list[float]]:
     """The forces that are chosen where motions have these uses in turn, and S_tau asked for."""
     asked: list[float] = []
 

@@ -25,7 +25,13 @@ from climbplan.climb.simulation.control.regulator import (
 )
 from climbplan.climb.simulation.control.steady_rate import compute_stable_rates
 from climbplan.control import joint_regulator
-from climbplan.control.joint_regulator import RATE, Chains, JointRegulator, Pose, RegulatorTables
+from climbplan.control.joint_regulator import (
+    RATE,
+    BodyPoseEstimate,
+    Chains,
+    JointRegulator,
+    RegulatorTables,
+)
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.rotations import rotation_world_body
 
@@ -85,7 +91,7 @@ def kabsch(points: Array, places: Array) -> tuple[Array, Array]:
 def test_the_pose_is_the_least_squares_one(planned: Planned) -> None:
     plan = planned()
     tables = build_regulator_tables(plan)
-    pose, rng = Pose(tables), np.random.default_rng(1)
+    pose, rng = BodyPoseEstimate(tables), np.random.default_rng(1)
     turn = rotation_world_body(np.array([0.2, -0.1, 0.3]))
     body = (tables.toes - [0.1, 0.0, 0.05]) @ turn + rng.normal(0, 5e-3, tables.toes.shape)
     pose.update(0, body)
@@ -185,7 +191,7 @@ def test_feet_that_roll_carry_the_body_on(planned: Planned) -> None:
     tables = build_regulator_tables(planned())
     rolled = np.zeros_like(tables.arms)
     rolled[1:] = [0.0, 0.01, 0.0]
-    still, rolling = Pose(tables), Pose(replace(tables, rolled=rolled))
+    still, rolling = BodyPoseEstimate(tables), BodyPoseEstimate(replace(tables, rolled=rolled))
     body = (tables.toes - tables.com[0]) @ tables.rotation[0]
     for sample in (0, 1):
         still.update(sample, body)

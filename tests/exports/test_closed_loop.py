@@ -26,7 +26,7 @@ from climbplan.climb.plan.file import read_climb
 from climbplan.climb.simulation.initial_posture import place_robot
 from climbplan.climb.simulation.model.chain_limb import name_motors
 from climbplan.climb.simulation.model.mjcf import TIME_STEP, build_mjcf
-from climbplan.climb.simulation.replay import Run, simulate
+from climbplan.climb.simulation.replay import RecordedRun, simulate
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import NOMINAL, Conditions
@@ -103,7 +103,7 @@ class Machine:
             self.data.ctrl[:] = pull - d * self.data.qvel[self.velocity]
             self.mujoco.mj_step(self.model, self.data)
 
-    def departures(self, other: Run) -> tuple[float, float]:
+    def departures(self, other: RecordedRun) -> tuple[float, float]:
         """How far body and toes stand from where they do at the end of a run [m]."""
         assert not other.fallen
         body = np.linalg.norm(self.data.qpos[:3] - other.com[-1])

@@ -16,13 +16,13 @@ from climbplan.cli.app import run
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.film import LONGEST, schedule_frames, write_film
 from climbplan.exports.film_frames import HEIGHT, WIDTH, Frames
-from climbplan.reports.viewer.scene import Scene
+from climbplan.reports.viewer.scene import ViewerScene
 
 WALL = 255 - 60  # [0 ... 255] what is darker is no sky
 
 
 @pytest.fixture(scope="module")
-def scenes(plans: dict[str, Path]) -> dict[str, Scene]:
+def scenes(plans: dict[str, Path]) -> dict[str, ViewerScene]:
     found = {name: identify_kind(path).read_scene(path) for name, path in plans.items()}
     try:
         Frames(found["walk"]).__exit__(None, None, None)
@@ -48,7 +48,7 @@ def test_long_spans_are_played_faster_and_short_ones_are_not() -> None:
 
 
 @pytest.mark.parametrize("name", ["climb", "walk", "modules"])
-def test_pictures_show_what_moves(scenes: dict[str, Scene], name: str) -> None:
+def test_pictures_show_what_moves(scenes: dict[str, ViewerScene], name: str) -> None:
     scene = scenes[name]
     with Frames(scene, "verified") as frames:
         first, last, again = (frames.render_at(scene.time[k]) for k in (0, -1, 0))
@@ -62,7 +62,7 @@ def test_pictures_show_what_moves(scenes: dict[str, Scene], name: str) -> None:
     assert (first[-50:].max(axis=2) < 90).sum() > 100
 
 
-def test_a_front_wall_hides_nothing(scenes: dict[str, Scene]) -> None:
+def test_a_front_wall_hides_nothing(scenes: dict[str, ViewerScene]) -> None:
     scene = scenes["modules"]
     toward = np.deg2rad(scene.azimuth_deg)
     front = scene.shapes[0]
@@ -73,7 +73,7 @@ def test_a_front_wall_hides_nothing(scenes: dict[str, Scene]) -> None:
 
 
 def test_a_gif_and_its_still(
-    plans: dict[str, Path], scenes: dict[str, Scene], tmp_path: Path,
+    plans: dict[str, Path], scenes: dict[str, ViewerScene], tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     film = tmp_path / "walk.gif"
@@ -99,7 +99,7 @@ def test_a_gif_and_its_still(
     assert film.read_bytes() == before
 
 
-def test_an_mp4_is_read_by_its_decoder(scenes: dict[str, Scene], tmp_path: Path) -> None:
+def test_an_mp4_is_read_by_its_decoder(scenes: dict[str, ViewerScene], tmp_path: Path) -> None:
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
     film = tmp_path / "walk.mp4"
     done: list[float] = []
@@ -114,7 +114,7 @@ def test_an_mp4_is_read_by_its_decoder(scenes: dict[str, Scene], tmp_path: Path)
     assert (np.abs(pictures[0].astype(int) - pictures[-1]) > 40).mean() > 0.005
 
 
-def test_what_cannot_be_filmed(scenes: dict[str, Scene], tmp_path: Path) -> None:
+def test_what_cannot_be_filmed(scenes: dict[str, ViewerScene], tmp_path: Path) -> None:
     walk = scenes["walk"]
     with pytest.raises(UsageError, match=r"a film is a \.gif, \.webp or \.mp4"):
         write_film(walk, tmp_path / "walk.avi")
@@ -126,7 +126,7 @@ def test_what_cannot_be_filmed(scenes: dict[str, Scene], tmp_path: Path) -> None
 
 
 def test_a_missing_encoder_is_named(
-    scenes: dict[str, Scene], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scenes: dict[str, ViewerScene], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(MissingSolver, match=r"pip install 'climbplan\[film\]'"):

@@ -13,7 +13,7 @@ from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.simulation.replay import simulate
 from climbplan.errors import SpecError, UsageError
 from climbplan.exports.formats import ControllerOptions, adapt_motion
-from climbplan.exports.motion import JointMotion, RobotMotion
+from climbplan.exports.motion import ExportedJoints, RobotMotion
 from climbplan.limms.exports.motion import read_motion as limms_motion
 from climbplan.robots.any_robot import build_robot
 from climbplan.schema.loading import load_spec
@@ -23,7 +23,7 @@ from climbplan.walking.exports.motion import read_motion as walk_motion
 SPECS = Path(__file__).parents[2] / "specs"
 
 
-def joints(motion: RobotMotion) -> JointMotion:
+def joints(motion: RobotMotion) -> ExportedJoints:
     assert motion.joints is not None
     return motion.joints
 

@@ -11,7 +11,7 @@ from urdf_statics import Played
 from walking_urdf import WALK, write_robot
 
 from climbplan.exports.formats import ControllerOptions, adapt_motion
-from climbplan.exports.motion import JointMotion, RobotMotion
+from climbplan.exports.motion import ExportedJoints, RobotMotion
 from climbplan.exports.sidecar import collect_facts
 from climbplan.walking.check.verification import verify
 from climbplan.walking.exports.motion import NO_JOINTS
@@ -38,7 +38,7 @@ def _walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "plan.h5"
 
 
-def joints(motion: RobotMotion) -> JointMotion:
+def joints(motion: RobotMotion) -> ExportedJoints:
     assert motion.joints is not None
     return motion.joints
 

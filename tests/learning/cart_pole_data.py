@@ -7,7 +7,7 @@ import numpy as np
 from scipy.linalg import solve_discrete_are
 
 from climbplan.arrays import Array
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Library, ProgramSignature
 from climbplan.program import Program
 from climbplan.solvers.sqp.method import SqpSolver
 
@@ -105,4 +105,4 @@ def library(program: Program, count: int, seed: int) -> tuple[Library, list[dict
             rows.append((features(theta), *answer))
             thetas.append(theta)
     parts = [np.array(part) for part in zip(*rows, strict=True)]
-    return Library.of(Frame.of(program), parts[0], parts[1], parts[2]), thetas
+    return Library.of(ProgramSignature.of(program), parts[0], parts[1], parts[2]), thetas

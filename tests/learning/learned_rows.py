@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Library, ProgramSignature
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.model_file import ModelFile
 
 BITS = 6  # a group of three, a pair, a single binary
-FRAME = Frame("made up", np.array([False, False, *[True] * BITS]), np.zeros(0, np.int64))
+FRAME = ProgramSignature("made up", np.array([False, False, *[True] * BITS]), np.zeros(0, np.int64))
 
 
 def made_up(count: int = 200, seed: int = 0) -> Library:

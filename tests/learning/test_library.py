@@ -13,10 +13,10 @@ import pytest
 from small_programs import random_numbers, small_program
 
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.learning.library import Frame, Library, read_library, write_library
+from climbplan.learning.library import Library, ProgramSignature, read_library, write_library
 
 PROGRAM = small_program(bilinear=True)
-FRAME = Frame.of(PROGRAM)
+FRAME = ProgramSignature.of(PROGRAM)
 ARRAYS = ("features", "points", "objective", "alternatives", "labels")
 
 

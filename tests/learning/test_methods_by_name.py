@@ -12,7 +12,7 @@ from own_problems import enumerated, impossible, islands_problem
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.clusters import select_solution_columns
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Library, ProgramSignature
 from climbplan.learning.model import FitOptions, ModelKind, fit_strategy
 from climbplan.learning.neighbours import NearestProblems, Order
 from climbplan.learning.strategy import Candidate
@@ -36,7 +36,7 @@ def library(problem: Problem, count: int = 16) -> Library:
     results = [solve_instance(problem, theta, "mpcc").result for theta in thetas]
     kept = [(t, r) for t, r in zip(thetas, results, strict=True) if r.x is not None]
     return Library.of(
-        Frame.of(problem.program),
+        ProgramSignature.of(problem.program),
         np.array([problem.feature_vector(theta) for theta, _ in kept]),
         np.array([r.x for _, r in kept]),
         np.array([r.objective for _, r in kept]),
@@ -199,7 +199,7 @@ def test_micp_on_a_grid_of_ones_own_keeps_its_rows() -> None:
 
 def test_knn_falls_back_only_where_no_candidate_holds() -> None:
     problem = Problem("two", two_ways())
-    frame = Frame.of(problem.program)
+    frame = ProgramSignature.of(problem.program)
     bad = Library.of(frame, np.zeros((1, 1)), np.array([[1.0, 1.0]]), np.zeros(1))
     theta = {"least": np.array([0.5])}
     answer = solve_instance(problem, theta, "knn", MethodSettings(library=bad))
@@ -231,7 +231,7 @@ def test_what_cannot_be_asked_for() -> None:
         solve_instance(problem, theta, "pinned")
     with pytest.raises(UsageError, match="expected one of highs, scip, gurobi"):
         solve_instance(problem, theta, "micp", MethodSettings(solver="daqp"))
-    frame = Frame.of(two_ways())
+    frame = ProgramSignature.of(two_ways())
     other = Library.of(frame, np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1))
     with pytest.raises(UsageError, match="does not serve"):
         solve_instance(problem, theta, "knn", MethodSettings(library=other))

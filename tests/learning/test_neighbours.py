@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from climbplan.errors import UsageError
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Library, ProgramSignature
 from climbplan.learning.neighbours import NearestCentroids, NearestProblems
 
-FRAME = Frame("line", np.array([False, True]), np.zeros(0, np.int64))
+FRAME = ProgramSignature("line", np.array([False, True]), np.zeros(0, np.int64))
 
 
 def _library(features: list[list[float]], bits: list[int]) -> Library:

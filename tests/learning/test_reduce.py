@@ -15,10 +15,10 @@ from climbplan.learning.clusters import (
     cluster_solutions,
     select_solution_columns,
 )
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Library, ProgramSignature
 from climbplan.learning.model import FitOptions, fit_strategy
 from climbplan.methods.pinning import candidate_at, solve_candidate
-from climbplan.methods.reduced import Reduction
+from climbplan.methods.reduced import ClusterReduction
 from climbplan.methods.reduced_programs import ClusterSolve, ReducedPrograms
 from climbplan.program import Program
 from climbplan.reformulations.grids import each, uniform
@@ -68,7 +68,9 @@ def _library(count: int = 60) -> Library:
         goals.append(goal)
         points.append(result.x)
         costs.append(result.objective)
-    return Library.of(Frame.of(PROGRAM), np.array(goals), np.array(points), np.array(costs))
+    return Library.of(
+        ProgramSignature.of(PROGRAM), np.array(goals), np.array(points), np.array(costs)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -76,8 +78,8 @@ def library() -> Library:
     return _library(40)
 
 
-def _reduction(library: Library, rows: np.ndarray) -> Reduction:
-    return Reduction.of(
+def _reduction(library: Library, rows: np.ndarray) -> ClusterReduction:
+    return ClusterReduction.of(
         PARTITIONS, library.points[rows], library.alternatives[rows], library.frame.integer
     )
 
@@ -121,7 +123,7 @@ def test_pieces_shrink_to_the_solutions_in_them(library: Library) -> None:
     rows = np.flatnonzero(library.features[:, 0] > 1)
     points = library.points[rows]
     args = (PARTITIONS, points, library.alternatives[rows], library.frame.integer)
-    whole, shrunk = Reduction.of(*args, room=np.inf), Reduction.of(*args, room=0.05)
+    whole, shrunk = ClusterReduction.of(*args, room=np.inf), ClusterReduction.of(*args, room=0.05)
     assert shrunk.binary_count == whole.binary_count
     for before, after in zip(whole.partitions, shrunk.partitions, strict=True):
         width = before.upper - before.lower

@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from climbplan.limms.scene.limms_scene import Scene, build_scene
+from climbplan.limms.scene.limms_scene import ModuleScene, build_scene
 from climbplan.limms.schema.loading import LoadedLimms, load_limms
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -32,6 +32,6 @@ def loaded(name: str, *overrides: str) -> LoadedLimms:
     return load_limms(SPECS / f"{name}.yaml", overrides)
 
 
-def scene(name: str, *overrides: str) -> Scene:
+def scene(name: str, *overrides: str) -> ModuleScene:
     """The scene of a shipped spec."""
     return build_scene(loaded(name, *overrides))

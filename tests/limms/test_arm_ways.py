@@ -21,8 +21,8 @@ from climbplan.limms.check.verification import verify_plan
 from climbplan.limms.modules.limbs import build_arm, compute_anchor_pose, compute_limb_angles
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
-from climbplan.limms.scene.limms_scene import Scene, build_scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene, build_scene
+from climbplan.limms.scene.phases import SupportModule
 from climbplan.limms.schema.loading import load_limms
 
 # One arm a box: the straight ways off these shelves pass poses where branches meet
@@ -53,7 +53,7 @@ def shelves(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def limb_on(scene: Scene, root: int = 0, side: int = 2) -> Limb:
+def limb_on(scene: ModuleScene, root: int = 0, side: int = 2) -> SupportModule:
     return build_arm(0, side, compute_anchor_pose(scene, root, 1), 0)
 
 
@@ -78,7 +78,7 @@ def test_poses_are_judged_as_programs_do(shelves: Path) -> None:
     assert compared > 100
 
 
-def branch_limb(scene: Scene, branch: tuple[int, int, int]) -> Limb:
+def branch_limb(scene: ModuleScene, branch: tuple[int, int, int]) -> SupportModule:
     return build_arm(0, 2, compute_anchor_pose(scene, 0, 1), 0, branch)
 
 

@@ -13,7 +13,7 @@ from climbplan.limms.check.kinematics import (
 )
 from climbplan.limms.modules.chain import forward, forward_from_last
 from climbplan.limms.modules.limbs import compute_end_rotation, compute_standing_rotation
-from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Pose
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, FramePoses
 from climbplan.limms.schema.loading import list_builtin_modules, load_builtin_module
 
 FACING = np.diag([1.0, -1.0, -1.0])  # ends of a kind face each other, eq. (6.1)
@@ -24,7 +24,7 @@ def test_points_of_a_module(end: int) -> None:
     rng = np.random.default_rng(end)
     module = load_builtin_module(list_builtin_modules()[0])
     angles = rng.uniform(-3, 3, (40, 6))
-    held = Pose(
+    held = FramePoses(
         rng.uniform(-1, 1, (40, 3)),
         np.tile(compute_anchor_end_frame(SIDE_NORMALS[1], end), (40, 1, 1)),
     )

@@ -18,7 +18,7 @@ from climbplan.limms.consensus.block_solution import BlockSolution, LocalCopy
 from climbplan.limms.consensus.link_cuts import LENGTH_TOLERANCE
 from climbplan.limms.consensus.mixed_integer import MixedIntegerBlock
 from climbplan.limms.consensus.nonlinear import NonlinearBlock, select_regions
-from climbplan.limms.consensus.planner import PlanningRun, find_first_integers
+from climbplan.limms.consensus.planner import PlanningProgress, find_first_integers
 from climbplan.limms.consensus.problem import (
     FREE,
     HELD,
@@ -35,7 +35,7 @@ from climbplan.limms.plan.convergence import RESIDUALS
 from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
-from climbplan.limms.scene.limms_scene import GRAVITY, Pose
+from climbplan.limms.scene.limms_scene import GRAVITY, FramePoses
 
 
 @pytest.fixture(scope="module")
@@ -118,7 +118,7 @@ def test_frozen_block_projects(
 def test_links_go_to_the_free_blocks_that_they_are_in() -> None:
     heavy = build_problem(scene("limms_lift_heavy"), 8)
     module, count = heavy.scene.module, heavy.scene.num_modules
-    stand = [Pose(at, np.eye(3)) for at in heavy.scene.start_position]
+    stand = [FramePoses(at, np.eye(3)) for at in heavy.scene.start_position]
     placed = [forward(module, base, np.zeros(6)) for base in stand]
     low, ledge = 0, 1
     found = select_regions(heavy, placed, np.full((count, 4), low))
@@ -136,7 +136,7 @@ def test_blocks_agree_within_a_centimetre(name: str) -> None:
     """Feet that stand still, free blocks of links, and an arm that planes round balls let reach."""
     given = build_problem(scene(name), 8)
     block = MixedIntegerBlock(given)
-    found = find_first_integers(given.scene, block, PlanningRun(), time.monotonic() + 600)
+    found = find_first_integers(given.scene, block, PlanningProgress(), time.monotonic() + 600)
     assert found is not None
     parameters = AdmmParameters(15, 1.3, 1.0, 0)
     agreement = run_admm(block, NonlinearBlock(given), found, parameters, time.monotonic() + 600)

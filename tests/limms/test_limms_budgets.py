@@ -22,7 +22,7 @@ from climbplan.limms.plan.file import read_limms_plan, write_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner import planner
 from climbplan.limms.planner.planner import plan_limms
-from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.limms_scene import ModuleScene
 from climbplan.limms.schema.loading import LoadedLimms
 from climbplan.limms.task_planning.single_actions import find_single_actions
 from climbplan.progress import Progress
@@ -110,7 +110,7 @@ def test_a_pace_that_finds_nothing_leaves_budget_to_calmer_ones_with_legs(
     budgets: dict[float, int] = {}
 
     def at_pace(
-        loaded: LoadedLimms, scene: Scene, report: Progress, budget: SearchBudget
+        loaded: LoadedLimms, scene: ModuleScene, report: Progress, budget: SearchBudget
     ) -> tuple[LimmsPlan, bool]:
         budgets[scene.pace] = budget.remaining
         if scene.pace > 0.25:

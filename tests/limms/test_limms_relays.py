@@ -15,7 +15,7 @@ from climbplan.limms.motion.climbing_down import climb_down
 from climbplan.limms.motion.timeline import DRIVES, NOWHERE
 from climbplan.limms.planner.planner import plan_limms
 from climbplan.limms.scene.bounds import Connection, is_within_reach
-from climbplan.limms.scene.limms_scene import Scene, build_scene
+from climbplan.limms.scene.limms_scene import ModuleScene, build_scene
 from climbplan.limms.schema.loading import LoadedLimms, load_limms
 from climbplan.limms.task_planning.best_first_search import list_task_plans, search_task_plans
 from climbplan.limms.task_planning.relaxed_actions import list_standing_places
@@ -44,11 +44,11 @@ def hall(tmp_path_factory: pytest.TempPathFactory) -> LoadedLimms:
 
 
 @pytest.fixture(scope="module")
-def scene(hall: LoadedLimms) -> Scene:
+def scene(hall: LoadedLimms) -> ModuleScene:
     return build_scene(hall)
 
 
-def test_relays_lead_from_leg_to_leg_within_reach(scene: Scene) -> None:
+def test_relays_lead_from_leg_to_leg_within_reach(scene: ModuleScene) -> None:
     found = list(search_task_plans(build_initial_plan(scene)))
     assert found
     fewest = [relay for relay in found if len(relay.subtasks) == 2]
@@ -86,7 +86,7 @@ def test_one_leg_comes_first_where_it_serves(tmp_path: Path) -> None:
     assert not list(search_task_plans(build_initial_plan(walk)))
 
 
-def test_a_module_comes_down_from_a_wall(scene: Scene) -> None:
+def test_a_module_comes_down_from_a_wall(scene: ModuleScene) -> None:
     rng = np.random.default_rng(0)
     world, _ = latch_arm(build_initial_plan(scene), 0, 1, "A", rng)
     before = len(world.stretches)

@@ -18,7 +18,7 @@ from climbplan.limms.motion.timeline import DRIVES, STABLE
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner import planner
 from climbplan.limms.planner.planner import plan_limms
-from climbplan.limms.scene.limms_scene import Scene, build_scene
+from climbplan.limms.scene.limms_scene import ModuleScene, build_scene
 from climbplan.limms.schema.loading import LoadedLimms, load_limms
 from climbplan.limms.task_planning.best_first_search import search_task_plans
 from climbplan.limms.task_planning.relaxed_actions import (
@@ -74,7 +74,7 @@ def ledge(tmp_path_factory: pytest.TempPathFactory) -> LoadedLimms:
     return read(tmp_path_factory.mktemp("mixed"), LEDGE)
 
 
-def kinds_of(own: Scene) -> list[tuple[str, ...]]:
+def kinds_of(own: ModuleScene) -> list[tuple[str, ...]]:
     return [
         tuple(leg.action.kind for leg in course.subtasks)
         for course in search_task_plans(build_initial_plan(own))

@@ -7,23 +7,23 @@ import pytest
 from limms_scenes import loaded
 
 from climbplan.limms.modules.chain import BRANCHES, forward, forward_from_last, inverse
-from climbplan.limms.scene.limms_scene import Pose
+from climbplan.limms.scene.limms_scene import FramePoses
 
 MODULE = loaded("limms_lift_light").module
 
 
-def poses(count: int) -> tuple[Pose, np.ndarray]:
+def poses(count: int) -> tuple[FramePoses, np.ndarray]:
     rng = np.random.default_rng(1)
     angles = rng.uniform(-1, 1, (count, 6)) * np.array([3, 2, 2.6, 3, 2, 3])
     turn = np.linalg.qr(rng.normal(size=(count, 3, 3)))[0]
     turn *= np.linalg.det(turn)[:, None, None]
-    return Pose(rng.normal(size=(count, 3)), turn), angles
+    return FramePoses(rng.normal(size=(count, 3)), turn), angles
 
 
 def test_every_branch_reaches_the_pose_and_one_is_the_start() -> None:
     base, angles = poses(200)
     own = forward(MODULE, base, angles)
-    last = Pose(own.position[:, 7], own.rotation[:, 7])
+    last = FramePoses(own.position[:, 7], own.rotation[:, 7])
     nearest = np.full(200, np.inf)
     for branch in BRANCHES:
         found = inverse(MODULE, base, last, branch)
@@ -39,13 +39,13 @@ def test_every_branch_reaches_the_pose_and_one_is_the_start() -> None:
 def test_points_from_the_last_end_are_those_from_the_first() -> None:
     base, angles = poses(20)
     own = forward(MODULE, base, angles)
-    back = forward_from_last(MODULE, Pose(own.position[:, 7], own.rotation[:, 7]), angles)
+    back = forward_from_last(MODULE, FramePoses(own.position[:, 7], own.rotation[:, 7]), angles)
     assert np.abs(back.position - own.position).max() < 1e-12
     lengths = np.linalg.norm(np.diff(own.position, axis=1), axis=2)
     assert lengths == pytest.approx(np.tile(MODULE.link_lengths, (20, 1)))
 
 
 def test_out_of_reach_says_by_how_much() -> None:
-    base = Pose(np.zeros(3), np.eye(3))
-    last = Pose(np.array([0, 0, sum(MODULE.link_lengths) + 0.1]), np.eye(3))
+    base = FramePoses(np.zeros(3), np.eye(3))
+    last = FramePoses(np.array([0, 0, sum(MODULE.link_lengths) + 0.1]), np.eye(3))
     assert inverse(MODULE, base, last, BRANCHES[0]).reach_error == pytest.approx(0.1)

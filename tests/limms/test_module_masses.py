@@ -33,7 +33,7 @@ from climbplan.limms.modules.limbs import build_arm, build_leg, compute_anchor_p
 from climbplan.limms.plan.file import read_limms_plan
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.planner.planner import plan_limms
-from climbplan.limms.scene.limms_scene import GRAVITY, Pose
+from climbplan.limms.scene.limms_scene import GRAVITY, FramePoses
 from climbplan.limms.schema.loading import load_builtin_module, load_limms
 from climbplan.limms.schema.module import OF_MASSES, ModuleSpec
 
@@ -66,7 +66,7 @@ def test_torques_are_those_of_pinocchio(root: int) -> None:
     rng = np.random.default_rng(3)
     q, v, a = rng.uniform(-2, 2, (3, 20, 6))
     a *= 10
-    base = Pose(np.zeros((20, 3)), np.tile(np.eye(3), (20, 1, 1)))
+    base = FramePoses(np.zeros((20, 3)), np.tile(np.eye(3), (20, 1, 1)))
     points = compute_points(MODULE, 0, base, q)
     needed = compute_demand(BODIES, points, 0, create_rest_motion(20), v, a)
     if root:  # the same motion, told from its last end
@@ -85,7 +85,7 @@ def test_torques_are_those_of_pinocchio(root: int) -> None:
 
 def test_a_module_that_is_held_level_pulls_down_and_turns_as_a_beam() -> None:
     level = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [-1.0, 0.0, 0.0]])  # z along world x
-    points = compute_points(MODULE, 0, Pose(np.zeros((1, 3)), level[None]), np.zeros((1, 6)))
+    points = compute_points(MODULE, 0, FramePoses(np.zeros((1, 3)), level[None]), np.zeros((1, 6)))
     needed = compute_demand(BODIES, points, 0, create_rest_motion(1), *np.zeros((2, 1, 6)))
     force, moment = sum_demand(needed, np.zeros((1, 3)))
     np.testing.assert_allclose(force, [[0, 0, MODULE.mass * GRAVITY]])
@@ -194,7 +194,7 @@ def test_loads_in_symbols_are_those_of_the_checker(box_end: int, name: str) -> N
 
     angles, rates = moved(0.0)
     turns = (moved(1e-5)[1] - moved(-1e-5)[1]) / 2e-5
-    held = Pose(limb.fixed_position[None], limb.other_rotation[None])
+    held = FramePoses(limb.fixed_position[None], limb.other_rotation[None])
     points = compute_points(own.module, 1 - box_end, held, angles[None])
     bodies = build_link_bodies(own.module)
     needed = compute_demand(

@@ -31,7 +31,7 @@ from climbplan.limms.scene.corridor import (
     find_corridor,
     list_standing_yaws,
 )
-from climbplan.limms.scene.limms_scene import Scene, build_scene
+from climbplan.limms.scene.limms_scene import ModuleScene, build_scene
 from climbplan.limms.scene.phases import compute_load_sharing
 from climbplan.limms.scene.placement import (
     inertia_about_vertical,
@@ -155,7 +155,7 @@ def test_no_way_is_proved_only_where_no_attitude_passes(tmp_path: Path) -> None:
     assert "no way for the box" in str(refused)
 
 
-def scene_of_spec_at(path: Path) -> Scene:
+def scene_of_spec_at(path: Path) -> ModuleScene:
     return build_scene(load_limms(path))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from climbplan.mechanics.identification.limb_model import Limb, limb_matrices
+from climbplan.mechanics.identification.limb_model import MeasuredLimb, limb_matrices
 from climbplan.mechanics.identification.measurements import AXES
 from climbplan.robots.model import Robot
 from climbplan.schema.robots.source import load_robot
@@ -32,7 +32,7 @@ def write_tests(path: Path, truth: Truth, seed: int, count: int = 12) -> None:
     """A CSV file of `count` tests, eight steps of 0.635 mm along each axis from a preload."""
     rng = np.random.default_rng(seed)
     axes = (0, 1, 2) if truth.spatial else (0, 2)
-    limb = Limb(SILVIA, axes)
+    limb = MeasuredLimb(SILVIA, axes)
     k = np.array(truth.stiffness)[list(limb.joints)]
     moved = [f"d{AXES[a]}_mm" for a in axes] + [f"f{AXES[a]}_N" for a in axes]
     lines = ["# made up", ",".join(["test,coxa_deg,femur_deg,tibia_deg,gain", *moved])]

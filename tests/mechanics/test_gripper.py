@@ -10,7 +10,7 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
 from climbplan.errors import SpecError, UsageError
-from climbplan.mechanics.gripper import Grips, cross_validate, fit_gripper, read_grips
+from climbplan.mechanics.gripper import ShearMeasurements, cross_validate, fit_gripper, read_grips
 
 NOISE = 1.5  # [N]
 
@@ -19,11 +19,11 @@ def true_force(state: np.ndarray) -> np.ndarray:
     return 10 * state[:, 3] * np.cos(state[:, 0]) * np.cos(state[:, 1])
 
 
-def grips(count: int, seed: int) -> Grips:
+def grips(count: int, seed: int) -> ShearMeasurements:
     rng = np.random.default_rng(seed)
     turn = np.deg2rad(rng.uniform(-30, 30, (count, 3)))
     state = np.column_stack([turn, rng.uniform(0.3, 1.2, count)])
-    return Grips(state, true_force(state) + NOISE * rng.normal(size=count))
+    return ShearMeasurements(state, true_force(state) + NOISE * rng.normal(size=count))
 
 
 def test_prediction_is_that_of_scikit_learn() -> None:

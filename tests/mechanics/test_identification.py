@@ -10,8 +10,8 @@ import pytest
 from limb_tests import SILVIA, Truth, write_tests
 
 from climbplan.errors import SpecError, UsageError
-from climbplan.mechanics.identification.fit import Model, fit_stiffness
-from climbplan.mechanics.identification.limb_model import Limb, limb_matrices
+from climbplan.mechanics.identification.fit import FitModel, fit_stiffness
+from climbplan.mechanics.identification.limb_model import MeasuredLimb, limb_matrices
 from climbplan.mechanics.identification.measurements import AXES, read_measurements
 from climbplan.mechanics.identification.slopes import matrices_from
 from climbplan.mechanics.identification.study import identify
@@ -41,8 +41,8 @@ def test_known_stiffness_within_five_percent_at_two_percent_noise(
         write_tests(tmp_path / "tests.csv", truth, seed)
         measured = read_measurements(tmp_path / "tests.csv")
         matrices = matrices_from(measured.series, measured.axes).matrices
-        limb = Limb(SILVIA, measured.axes)
-        found = fit_stiffness(limb, matrices, Model(truth.even > 0, False, "known"), seed)
+        limb = MeasuredLimb(SILVIA, measured.axes)
+        found = fit_stiffness(limb, matrices, FitModel(truth.even > 0, False, "known"), seed)
         value = np.array([e.value for e in found.joint_stiffness])
         known = np.array(truth.stiffness)[list(limb.joints)]
         assert np.abs(value / known - 1).max() < 0.05
@@ -80,7 +80,7 @@ def test_slopes_are_free_of_the_preload(tmp_path: Path) -> None:
     reduced = matrices_from(measured.series, measured.axes)
     for one in reduced.slopes:
         np.testing.assert_allclose(one.stiffness, one.published, rtol=1e-3, atol=1.0)
-    limb = Limb(SILVIA, measured.axes)
+    limb = MeasuredLimb(SILVIA, measured.axes)
     angles = np.array([m.posture.angles for m in reduced.matrices])
     known = limb_matrices(limb.jacobians(angles), 1 / np.array(Truth().stiffness), 0.0)
     for matrix, own in zip(reduced.matrices, known, strict=True):
@@ -107,7 +107,7 @@ def test_published_mean_follows_a_bad_row_and_the_median_does_not(tmp_path: Path
 def test_limb_model_is_that_of_the_planner() -> None:
     """The same matrices as eq. (4.7) of the mechanics, for a limb that points along x."""
     angles = np.deg2rad([[10.0, 30.0, -20.0]])
-    limb = Limb(SILVIA, (0, 1, 2))
+    limb = MeasuredLimb(SILVIA, (0, 1, 2))
     own = limb_matrices(
         limb.jacobians(angles),
         1 / (SILVIA.joint_stiffness[0] * (1 - SILVIA.structural_compliance_share)),
@@ -120,7 +120,7 @@ def test_limb_model_is_that_of_the_planner() -> None:
 
 def test_feet_by_their_distance_alone(tmp_path: Path) -> None:
     """Matrices of a limb whose feet are only known by how far out they are."""
-    limb = Limb(SILVIA, (0, 2))
+    limb = MeasuredLimb(SILVIA, (0, 2))
     rng = np.random.default_rng(5)
     femur, tibia = rng.uniform(-30, 60, 14), rng.uniform(-30, 35, 14)
     angles = np.deg2rad(np.stack([np.zeros(14), femur, tibia], axis=1))
@@ -136,7 +136,7 @@ def test_feet_by_their_distance_alone(tmp_path: Path) -> None:
         "row,r_mm,Kxx_N_per_m,Kxz_N_per_m,Kzz_N_per_m\n" + "\n".join(rows)
     )
     measured = read_measurements(tmp_path / "table.csv")
-    found = fit_stiffness(limb, measured.matrices, Model(False, False, "horizontal"))
+    found = fit_stiffness(limb, measured.matrices, FitModel(False, False, "horizontal"))
     assert [e.value for e in found.joint_stiffness] == pytest.approx([60, 90], rel=0.1)
     assert found.relative_error < 0.05
 
@@ -163,14 +163,14 @@ def test_rows_and_columns_that_cannot_be_used(tmp_path: Path) -> None:
     single = read_measurements(path)
     one = matrices_from(single.series, single.axes).matrices
     with pytest.raises(UsageError, match="not enough"):
-        fit_stiffness(Limb(SILVIA, (0, 2)), one, Model(True, True, "known"))
+        fit_stiffness(MeasuredLimb(SILVIA, (0, 2)), one, FitModel(True, True, "known"))
 
 
 def test_joints_of_a_chain_are_told_by_their_names(tmp_path: Path) -> None:
     """A leg of four joints from a URDF, measured in the body's frame."""
     walker = build_robot(load_any_robot("specs/robot_walker.yaml"))
     number = walker.limb_names.index("R2")
-    limb = Limb(walker, (0, 1, 2), number)
+    limb = MeasuredLimb(walker, (0, 1, 2), number)
     assert limb.felt == limb.angles.names == ("R2_yaw", "R2_lift", "R2_knee", "R2_ankle")
     truth = np.array([120.0, 150.0, 90.0, 60.0])
     rng = np.random.default_rng(0)
@@ -195,7 +195,7 @@ def test_joints_of_a_chain_are_told_by_their_names(tmp_path: Path) -> None:
 
 def test_joints_that_slide_are_told_in_lengths(tmp_path: Path) -> None:
     robot = build_robot(load_any_robot("specs/robot_telescope.yaml"))
-    limb = Limb(robot, (0, 1, 2), 0)
+    limb = MeasuredLimb(robot, (0, 1, 2), 0)
     assert limb.felt == ("L1_yaw", "L1_lift", "L1_extend")
     truth, rng = np.array([120.0, 150.0, 9000.0]), np.random.default_rng(0)
     head = ["test", "L1_yaw_deg", "L1_lift_deg", "L1_extend_mm", *(f"K{p}_N_per_m" for p in PAIRS)]

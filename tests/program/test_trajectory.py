@@ -11,15 +11,15 @@ import pytest
 from climbplan.methods.table import solve_instance
 from climbplan.program.problem import Problem
 from climbplan.program.stage import Stage
-from climbplan.program.trajectory import Trajectory
-from climbplan.solvers.ipopt.trajectory import compile_trajectory, solve_trajectory
+from climbplan.program.staged_program import StagedProgram
+from climbplan.solvers.ipopt.staged_program import compile_staged_program, solve_staged_program
 
 QUIET = {"max_iter": 50}
 
 
-def thrown(goal: float, most: float = 20.0) -> tuple[Trajectory, list[ca.MX]]:
+def thrown(goal: float, most: float = 20.0) -> tuple[StagedProgram, list[ca.MX]]:
     """A stone thrown so that it is at `goal` [m] after a second, with least speed."""
-    stone = Trajectory("stone")
+    stone = StagedProgram("stone")
     x = [stone.variable("x", [0.0], -50.0, 50.0) for _ in range(3)]
     v = stone.variable("v", [5.0, 100.0], -most, most)
     stone.equal("start", x[0], "m")
@@ -46,7 +46,7 @@ def test_pieces_of_a_name_are_one_block() -> None:
 
 def test_an_answer_and_what_is_read_from_it() -> None:
     stone, outputs = thrown(3.0)
-    answer = solve_trajectory(stone, outputs, QUIET, time.perf_counter())
+    answer = solve_staged_program(stone, outputs, QUIET, time.perf_counter())
     assert answer.solved
     assert answer.optimal
     np.testing.assert_allclose(answer.values[0].ravel(), [3.0, 0.0], atol=1e-5)
@@ -56,12 +56,12 @@ def test_an_answer_and_what_is_read_from_it() -> None:
 
 def test_what_cannot_be_names_the_block_that_is_off() -> None:
     stone, outputs = thrown(30.0)
-    answer = solve_trajectory(stone, outputs, QUIET, time.perf_counter())
+    answer = solve_staged_program(stone, outputs, QUIET, time.perf_counter())
     assert not answer.solved
     assert any(f" of {name}" in answer.message for name in ("goal", "motion", "start"))
 
 
-def swung(knots: int) -> Trajectory:
+def swung(knots: int) -> StagedProgram:
     """A pendulum brought up from a parameter with a push of 0 or 3 a knot; a stage a step."""
     state, after, push = ca.SX.sym("state", 2), ca.SX.sym("after", 2), ca.SX.sym("push")
     step = Stage("step", {"state": state, "after": after, "push": push})
@@ -69,7 +69,7 @@ def swung(knots: int) -> Trajectory:
     step.equal("dynamics", after - ca.vertcat(state[0] + 0.2 * speed, speed), "rad")
     step.between("slow", after[1], upper=4.0, unit="rad/s")
     step.minimise("effort", push**2)
-    swing = Trajectory("swing")
+    swing = StagedProgram("swing")
     start = swing.parameter("start", 2)
     x = [start, *(swing.variable("x", np.zeros(2), -9.0, 9.0) for _ in range(knots))]
     u = swing.binary("u", np.ones(knots))
@@ -110,14 +110,14 @@ def test_every_method_takes_a_trajectory() -> None:
     assert free.objective <= 3.0 + 1e-6  # not all pushes are needed
     # The same program by IPOPT as it stands, its binaries relaxed
     swing.relax(1e-4)
-    ready = compile_trajectory(swing, QUIET)
+    ready = compile_staged_program(swing, QUIET)
     point = ready.solver.solve(pinned.x, swing.theta(theta), ready.bounds, np.inf)
     assert max(block.residual for block in ready.residuals(point)) < 1e-6
     assert point.objective <= pinned.objective + 1e-6
 
 
 def test_numbers_of_parameters_and_bounds_given_later() -> None:
-    line = Trajectory("line")
+    line = StagedProgram("line")
     slope, level = line.parameter("slope", 2, 2), line.parameter("level", 1)
     x = line.variable("x", [0.0, 0.0])
     line.equal("line", slope @ x - level)
@@ -138,7 +138,7 @@ def test_numbers_of_parameters_and_bounds_given_later() -> None:
 
 
 def test_variables_are_found_by_name() -> None:
-    walk = Trajectory("walk")
+    walk = StagedProgram("walk")
     for _ in range(3):
         walk.variable("toe", [0.0, 0.0])
         walk.variable("side", np.zeros(0))
@@ -174,7 +174,7 @@ def test_inputs_of_a_stage_by_name() -> None:
     a, b = ca.SX.sym("a", 2), ca.SX.sym("b")
     stage = Stage("sum", {"a": a, "b": b})
     stage.equal("sum", ca.sum1(a) - b)
-    both = Trajectory("both")
+    both = StagedProgram("both")
     x, y = both.variable("x", [1.0, 2.0]), both.variable("y", [3.0])
     both.add(stage, x, b=y)
     both.add(stage, b=y, a=x)

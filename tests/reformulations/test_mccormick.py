@@ -11,7 +11,7 @@ from bilinear_programs import bilinear, scanned
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program import Instance, Program
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.envelopes import build_halfspaces
 from climbplan.reformulations.grids import Partition, build_code, each, pieces, together, uniform
@@ -288,7 +288,7 @@ def test_local_form_changes_numbers_only() -> None:
         x[instance.integer] = rng.integers(0, 2, 2)
         low, high = np.maximum(x - 0.4, instance.lower), np.minimum(x + 0.4, instance.upper)
         pinned = pins.at(x)
-        reused = form.at(Range(low, high), pinned)
+        reused = form.at(ElementwiseRange(low, high), pinned)
         rebuilt = LocalMcCormick(low, high).apply(pinned).instance
         assert abs(reused.A - rebuilt.A).max() == 0.0
         for name in ("lower", "upper", "row_lower", "row_upper"):

@@ -12,7 +12,7 @@ import yaml
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
-    Forces,
+    InstantForces,
     Instants,
     Rounds,
     StepLimits,
@@ -55,7 +55,7 @@ def robot_spec(limbs: int) -> RobotSpec:
     return RobotSpec.model_validate(dict(silvia, name=f"{limbs} limbs", limbs=legs))
 
 
-def _forces(robot: Robot, instants: Instants, asked: float) -> Forces:
+def _forces(robot: Robot, instants: Instants, asked: float) -> InstantForces:
     """Weight shared by the limbs in contact, pressing with a margin that varies with the gait."""
     contact = instants.contact[..., None]
     share = contact / contact.sum(axis=1, keepdims=True)
@@ -73,7 +73,7 @@ def _forces(robot: Robot, instants: Instants, asked: float) -> Forces:
         load = (robot.max_torque / np.abs(torques)).min(axis=(1, 2))
     sag = np.zeros((instants.count, 6))
     sag[:, 2] = -0.02
-    return Forces(
+    return InstantForces(
         force=force,
         joint_torques=torques,
         wall_deflection=-0.03 * instants.normal * contact,

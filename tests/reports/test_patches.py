@@ -10,7 +10,7 @@ import pytest
 from climbplan.climb.pages.patches import (
     MARGIN,
     TUBE_SIDES,
-    Box,
+    AxisAlignedBox,
     clip,
     compute_climb_box,
     compute_hull_points,
@@ -18,11 +18,11 @@ from climbplan.climb.pages.patches import (
     list_surface_patches,
 )
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.reports.camera import FRONT, SIDE, Camera, choose_clear_view
+from climbplan.reports.camera import FRONT, SIDE, OrthographicCamera, choose_clear_view
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Tube
 
-UNIT = Box(np.zeros(3), np.ones(3))
+UNIT = AxisAlignedBox(np.zeros(3), np.ones(3))
 
 
 def area(polygon: np.ndarray) -> float:
@@ -48,20 +48,20 @@ def test_clip_keeps_the_part_inside(square: list[list[float]], expected: float) 
 
 
 def test_faces_of_a_solid_close_it() -> None:
-    wide = Box(np.full(3, -9.0), np.full(3, 9.0))
+    wide = AxisAlignedBox(np.full(3, -9.0), np.full(3, 9.0))
     box = Solid.from_box("box", np.array([-1.0, -2.0, -3.0]), np.array([1.0, 2.0, 3.0]))
     faces = list_solid_faces(box, wide)
     assert len(faces) == 6
     assert sum(area(face.vertices) for face in faces) == pytest.approx(2 * (8 + 12 + 24))
     wedge = Solid.from_points("wedge", np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1.0]]))
     assert sorted(len(face.vertices) for face in list_solid_faces(wedge, wide)) == [3, 3, 3, 3]
-    assert list_solid_faces(box, Box(np.full(3, 20.0), np.full(3, 30.0))) == []
-    assert list_solid_faces(box, Box(np.full(3, -0.5), np.full(3, 0.5))) == []
+    assert list_solid_faces(box, AxisAlignedBox(np.full(3, 20.0), np.full(3, 30.0))) == []
+    assert list_solid_faces(box, AxisAlignedBox(np.full(3, -0.5), np.full(3, 0.5))) == []
 
 
 def test_a_cut_solid_is_closed_again() -> None:
     box = Solid.from_box("box", np.array([-1.0, -2.0, -3.0]), np.array([1.0, 2.0, 3.0]))
-    half = list_solid_faces(box, Box(np.full(3, -9.0), np.array([9.0, 9.0, 0.0])))
+    half = list_solid_faces(box, AxisAlignedBox(np.full(3, -9.0), np.array([9.0, 9.0, 0.0])))
     assert sum(area(face.vertices) for face in half) == pytest.approx(2 * (8 + 6 + 12))
     # The outward area of a closed surface is zero.
     total = sum(area(face.vertices) * face.normal for face in half)
@@ -70,14 +70,14 @@ def test_a_cut_solid_is_closed_again() -> None:
 
 def test_tube_strips_face_the_axis_and_end_at_the_box() -> None:
     tube = Tube("tube", np.array([0.1, 0.2]), 0.6, -1.0, 5.0, 1.0)
-    strips = list_surface_patches(tube, Box(np.full(3, -2.0), np.array([2.0, 2.0, 1.5])))
+    strips = list_surface_patches(tube, AxisAlignedBox(np.full(3, -2.0), np.array([2.0, 2.0, 1.5])))
     assert len(strips) == TUBE_SIDES
     for strip in strips:
         assert np.allclose(np.linalg.norm(strip.vertices[:, :2] - tube.center, axis=1), 0.6)
         assert set(strip.vertices[:, 2]) == {-1.0, 1.5}
         middle = strip.vertices.mean(axis=0)
         assert strip.normal @ np.append(tube.center - middle[:2], 0.0) > 0
-    assert list_surface_patches(tube, Box(np.full(3, 6.0), np.full(3, 7.0))) == []
+    assert list_surface_patches(tube, AxisAlignedBox(np.full(3, 6.0), np.full(3, 7.0))) == []
 
 
 def test_the_box_holds_the_whole_climb(make_plan: Callable[..., ClimbPlan]) -> None:
@@ -93,7 +93,7 @@ def test_views_along_an_axis_keep_coordinates() -> None:
     point = np.array([0.3, -0.7, 1.1])
     assert np.allclose(FRONT.project(point), [0.3, 1.1])
     assert np.allclose(SIDE.project(point), [-0.7, 1.1])
-    axes = Camera(-63.0, 18.0).axes
+    axes = OrthographicCamera(-63.0, 18.0).axes
     assert np.allclose(axes @ axes.T, np.eye(3))
     assert np.linalg.det(axes) == pytest.approx(1.0)
 
@@ -102,6 +102,6 @@ def test_the_view_is_from_the_side_that_obstacles_leave_open() -> None:
     path = np.array([[0.0, 0.3, 0.0], [0.0, 0.3, 0.8]])
     ahead = np.array([0.0, 0.6, 0.0])
     nearer, farther = path - ahead, path + ahead
-    assert choose_clear_view(-60.0, 20.0, path, farther) == Camera(-60.0, 20.0)
-    assert choose_clear_view(-60.0, 20.0, path, nearer) == Camera(60.0, 20.0)
-    assert choose_clear_view(-60.0, 20.0, path, np.empty((0, 3))) == Camera(-60.0, 20.0)
+    assert choose_clear_view(-60.0, 20.0, path, farther) == OrthographicCamera(-60.0, 20.0)
+    assert choose_clear_view(-60.0, 20.0, path, nearer) == OrthographicCamera(60.0, 20.0)
+    assert choose_clear_view(-60.0, 20.0, path, np.empty((0, 3))) == OrthographicCamera(-60.0, 20.0)

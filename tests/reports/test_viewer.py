@@ -25,7 +25,7 @@ from climbplan.climb.pages.scene import read_scene as climb_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import write_climb
 from climbplan.errors import UsageError
-from climbplan.reports.viewer.scene import Scene, build_polygons, interpolate
+from climbplan.reports.viewer.scene import ViewerScene, build_polygons, interpolate
 
 pytest.importorskip("viser", reason="no viser found: the 3-D view is not tested")
 from climbplan.reports.viewer.server import Viewer  # (after the check that it can be had)
@@ -49,12 +49,12 @@ def climb_file(plan: ClimbPlan, tmp_path_factory: pytest.TempPathFactory) -> Pat
 
 
 @pytest.fixture(scope="module")
-def climb(climb_file: Path) -> Scene:
+def climb(climb_file: Path) -> ViewerScene:
     return climb_scene(climb_file)
 
 
 def test_links_keep_their_lengths_and_toes_stand_where_they_push(
-    plan: ClimbPlan, climb: Scene
+    plan: ClimbPlan, climb: ViewerScene
 ) -> None:
     assert climb.rods is not None
     assert climb.forces is not None
@@ -67,7 +67,7 @@ def test_links_keep_their_lengths_and_toes_stand_where_they_push(
     assert np.median(on_wall) < 1e-6
 
 
-def test_forces_of_every_instant_are_shown_once(plan: ClimbPlan, climb: Scene) -> None:
+def test_forces_of_every_instant_are_shown_once(plan: ClimbPlan, climb: ViewerScene) -> None:
     assert climb.forces is not None
     assert len(climb.marks) == plan.instants.count
     np.testing.assert_array_equal(climb.forces.force[climb.marks], plan.forces.force)
@@ -77,7 +77,7 @@ def test_forces_of_every_instant_are_shown_once(plan: ClimbPlan, climb: Scene) -
     assert all("S_tau" in text and "S_mu" in text for text in texts)
 
 
-def test_loads_are_shares_of_the_limits(plan: ClimbPlan, climb: Scene) -> None:
+def test_loads_are_shares_of_the_limits(plan: ClimbPlan, climb: ViewerScene) -> None:
     assert climb.rods is not None
     assert climb.rods.load is not None
     shares = climb.rods.load[climb.marks].max(axis=1)
@@ -85,7 +85,9 @@ def test_loads_are_shares_of_the_limits(plan: ClimbPlan, climb: Scene) -> None:
 
 
 def test_moments_at_before_and_after() -> None:
-    nothing = Scene("", (), np.array([0.0, 1.0, 1.0, 3.0]), ("a", "b", "c", "d"), np.array([0]))
+    nothing = ViewerScene(
+        "", (), np.array([0.0, 1.0, 1.0, 3.0]), ("a", "b", "c", "d"), np.array([0])
+    )
     assert nothing.moment(-5.0) == (0, 1, 0.0)
     assert nothing.moment(0.25) == (0, 1, 0.25)
     assert nothing.moment(1.0) == (2, 3, 0.0)  # a jump: what comes after it
@@ -149,7 +151,7 @@ def test_books_come_from_where_they_were(tmp_path: Path) -> None:
     assert scene.caption[first[2]] == "scene 2: infeasible, 3 mm missing"
 
 
-def test_server_follows_time_and_switches(climb: Scene) -> None:
+def test_server_follows_time_and_switches(climb: ViewerScene) -> None:
     with Viewer(climb, "127.0.0.1", 0) as viewer:
         with urllib.request.urlopen(f"http://127.0.0.1:{viewer.port}", timeout=10) as page:
             assert b"<html" in page.read()
@@ -171,7 +173,7 @@ def test_server_follows_time_and_switches(climb: Scene) -> None:
         assert viewer._time.value == climb.time[0]  # from the end it starts again
 
 
-def test_a_port_that_cannot_be_had(climb: Scene) -> None:
+def test_a_port_that_cannot_be_had(climb: ViewerScene) -> None:
     with pytest.raises(UsageError, match=r"--host 203\.0\.113\.7 --port 0: .*assign"):
         Viewer(climb, "203.0.113.7", 0)
     with pytest.raises(UsageError, match="--host no such host"):

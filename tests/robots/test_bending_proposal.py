@@ -13,10 +13,10 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal import bracing_search
 from climbplan.robots.urdf.proposal.candidate_stances import find_candidate_stances
 from climbplan.robots.urdf.proposal.generator import detect_legs, prepare_detected_legs
-from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
 
 
-def standing_humanoid(folder: Path) -> Proposal:
+def standing_humanoid(folder: Path) -> RobotProposal:
     """On its feet, with its hands on walls, and without any posture between them."""
     own = find_candidate_stances(
         prepare_detected_legs(detect_legs(humanoid(folder / "humanoid.urdf")))

@@ -15,7 +15,7 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
 from climbplan.robots.urdf.capsule_fit import fit_capsule, fit_strip_capsules
-from climbplan.robots.urdf.shapes import Shape
+from climbplan.robots.urdf.shapes import CollisionShape
 from climbplan.schema.robots.source import load_any_robot
 
 SECTION = """kind: robot
@@ -52,7 +52,9 @@ def test_a_box_has_the_least_capsule_along_its_longest_side(half: tuple[float, .
     corners = np.stack(np.meshgrid(*[(-1.0, 1.0)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     square = float((sides[1:] ** 2).sum())
     long = np.array([half[0], 0.0, 0.0])
-    ends, radius = fit_capsule(Shape("", corners * sides, 0.0, (np.zeros(3), long, square)))
+    ends, radius = fit_capsule(
+        CollisionShape("", corners * sides, 0.0, (np.zeros(3), long, square))
+    )
     assert off_axis(corners * sides, ends).max() <= radius + 1e-9
     inner = np.linspace(0.0, half[0], 400)
     others = [
@@ -75,7 +77,7 @@ def test_a_flat_piece_is_held_by_strips_that_reach_little_beyond_it(flat: str) -
     turn = trimesh.transformations.random_rotation_matrix(np.random.default_rng(3).random(3))
     moved = points @ turn[:3, :3].T + 0.3
     axis = np.full(3, 0.3), turn[:3, :3] @ shape_axis[0], shape_axis[1]
-    found = fit_strip_capsules(Shape("", moved, 0.0, axis))
+    found = fit_strip_capsules(CollisionShape("", moved, 0.0, axis))
     inside = trimesh.sample.sample_surface(piece, 4000, seed=1)[0] @ turn[:3, :3].T + 0.3
     room = [off_axis(inside, ends) - radius for ends, radius in found]
     assert np.min(room, axis=0).max() <= 1e-4  # `off_axis` looks at 2,001 places of the axis
@@ -91,7 +93,7 @@ def test_points_of_a_mesh_lie_within_a_capsule_near_the_least() -> None:
     body = trimesh.creation.capsule(height=0.3, radius=0.03, count=[12, 12])
     turn = trimesh.transformations.random_rotation_matrix(rng.random(3))
     points = np.asarray(body.apply_transform(turn).vertices) + rng.random(3)
-    ends, radius = fit_capsule(Shape("", points, 0.0))
+    ends, radius = fit_capsule(CollisionShape("", points, 0.0))
     assert off_axis(points, ends).max() <= radius + 1e-6
     assert 0.029 < radius < 0.032
     assert 0.27 < np.linalg.norm(ends[1] - ends[0]) < 0.33

@@ -25,7 +25,7 @@ from climbplan.robots.urdf.proposal.lift_torque import (
 from climbplan.robots.urdf.proposal.limbs import find_body_link, find_limbs
 from climbplan.robots.urdf.proposal.motors import propose_motors
 from climbplan.robots.urdf.proposal.postures import LegModel
-from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.mimics import check_mimics
 from climbplan.schema.robots.urdf.tree import parse_urdf
@@ -110,13 +110,13 @@ def test_legs_are_named_round_the_body() -> None:
 
 
 @pytest.fixture(scope="module", name="quadruped")
-def _quadruped(tmp_path_factory: pytest.TempPathFactory) -> Proposal:
+def _quadruped(tmp_path_factory: pytest.TempPathFactory) -> RobotProposal:
     path = tmp_path_factory.mktemp("quadruped") / "walker.urdf"
     path.write_text(QUADRUPED.text())
     return propose_robot(path)
 
 
-def test_a_quadruped_stands_as_proposed(quadruped: Proposal) -> None:
+def test_a_quadruped_stands_as_proposed(quadruped: RobotProposal) -> None:
     robot = quadruped.robot
     assert robot.limb_names == ("RF", "RR", "LR", "LF")
     assert [toe.link for toe in quadruped.toes] == ["R1_toe", "R2_toe", "L2_toe", "L1_toe"]
@@ -139,7 +139,7 @@ def test_a_quadruped_stands_as_proposed(quadruped: Proposal) -> None:
     assert quadruped.posture.utilisation < 0.5
 
 
-def test_braces_hold_with_any_leg_lifted(quadruped: Proposal) -> None:
+def test_braces_hold_with_any_leg_lifted(quadruped: RobotProposal) -> None:
     brace, robot = quadruped.braces[0], quadruped.robot
     assert np.allclose(np.abs(brace.toes[:, 0]), brace.gap / 2)
     assert brace.utilisation < 1
@@ -158,7 +158,7 @@ def test_braces_hold_with_any_leg_lifted(quadruped: Proposal) -> None:
     assert lack.torque == pytest.approx(share * limit, rel=1e-6)
 
 
-def test_shares_of_a_shifted_body_are_those_of_its_own_angles(quadruped: Proposal) -> None:
+def test_shares_of_a_shifted_body_are_those_of_its_own_angles(quadruped: RobotProposal) -> None:
     brace, robot = quadruped.braces[0], quadruped.robot
     chain = robot.mechanism
     assert isinstance(chain, SerialChain)
@@ -177,7 +177,7 @@ def test_shares_of_a_shifted_body_are_those_of_its_own_angles(quadruped: Proposa
 
 
 @pytest.mark.slow
-def test_drawn_braces_hold_better_than_those_they_begin_from(quadruped: Proposal) -> None:
+def test_drawn_braces_hold_better_than_those_they_begin_from(quadruped: RobotProposal) -> None:
     robot = quadruped.robot
     chain = robot.mechanism
     assert isinstance(chain, SerialChain)

@@ -16,7 +16,7 @@ from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.self_clearance import list_clearance_pairs
 from climbplan.robots.urdf.proposal.candidate_stances import find_candidate_stances
 from climbplan.robots.urdf.proposal.generator import detect_legs, propose_robot
-from climbplan.robots.urdf.proposal.prepared_robot import Proposal, prepare_robot
+from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal, prepare_robot
 from climbplan.robots.urdf.robot_builder import build_robot_from_urdf
 from climbplan.robots.urdf.workspace import select_common_reach
 
@@ -98,7 +98,7 @@ def test_one_reach_is_a_necessary_one_for_all() -> None:
 
 
 @pytest.fixture(scope="module", name="upright")
-def _upright(tmp_path_factory: pytest.TempPathFactory) -> Proposal:
+def _upright(tmp_path_factory: pytest.TempPathFactory) -> RobotProposal:
     found = detect_legs(humanoid(tmp_path_factory.mktemp("upright") / "humanoid.urdf"))
     own = found.draft, found.tree, found.toes, found.naming, found.shapes, found.geometry_error
     return find_candidate_stances(prepare_robot(*own)).build_proposal()
@@ -117,7 +117,7 @@ def test_a_humanoid_goes_on_hands_and_feet(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_humanoid_stands_with_its_hands_on_walls(upright: Proposal) -> None:
+def test_a_humanoid_stands_with_its_hands_on_walls(upright: RobotProposal) -> None:
     arms = np.array(upright.naming.is_arm)
     assert sorted(upright.naming.names) == ["L_arm", "L_leg", "R_arm", "R_leg"]
     assert [name.endswith("arm") for name in upright.naming.names] == arms.tolist()
@@ -142,7 +142,7 @@ def test_motors_that_cannot_hold_it_are_told_by_how_much(tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_it_walks_between_the_walls(upright: Proposal, tmp_path: Path) -> None:
+def test_it_walks_between_the_walls(upright: RobotProposal, tmp_path: Path) -> None:
     trials = ProposalTrials(upright, tmp_path)
     assert trials.ground.plan is not None, trials.ground.why
     assert "walls:" in trials.ground.text

@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.comparison import Comparison
+from climbplan.climb.simulation.comparison import PlanComparison
 from climbplan.climb.simulation.study import SimulationStudy, format_headline
 
 
-def comparison(torque: Array, planned: Array) -> Comparison:
+def comparison(torque: Array, planned: Array) -> PlanComparison:
     """Of K instants and N limbs (K, N), everything but torques as planned."""
     count, limbs = planned.shape
     none, place = np.zeros((count, limbs)), np.zeros((count, 3))
     number = np.arange(count)
-    return Comparison(
+    return PlanComparison(
         instant=number, sample=number, torque=torque, torque_planned=planned,
         friction=none, friction_planned=none, mu=none + 1, sag=place, sag_predicted=place,
         lag=place, slips=(), lost_contacts=(),
     )  # fmt: skip
 
 
-def told(compared: Comparison) -> str:
+def told(compared: PlanComparison) -> str:
     run = SimpleNamespace(fallen=False, time=np.ones(1))
     found: Any = SimpleNamespace(run=run, comparison=compared)
     return format_headline(cast("SimulationStudy", found))

@@ -18,7 +18,7 @@ from climbplan.climb.simulation.replay import simulate
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
+from climbplan.simulation.conditions import NOMINAL, Conditions, FrictionLoss
 from climbplan.simulation.measures import compute_tilt
 from climbplan.simulation.motors import compute_motor_stiffness
 from climbplan.terrain.surfaces import Region, Tube
@@ -113,7 +113,7 @@ def test_a_lost_contact_slips(planned: Planned) -> None:
     plan = planned()
     k = 1
     start = float(plan.trajectory.time[find_instant_samples(plan)[k]])
-    run = simulate(plan, Conditions(losses=(ContactLoss(3, start - 0.5, 0.6),)))
+    run = simulate(plan, Conditions(losses=(FrictionLoss(3, start - 0.5, 0.6),)))
     slipped = {slip.limb for slip in compare(plan, run).slips}
     assert 3 in slipped
 

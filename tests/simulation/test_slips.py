@@ -12,7 +12,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.comparison import MIN_STANCE_PRESSURE, find_slips
 from climbplan.climb.simulation.control.planned_pressure import compute_planned_pressure
 from climbplan.climb.simulation.instant_samples import find_instant_samples
-from climbplan.climb.simulation.replay import Run, simulate
+from climbplan.climb.simulation.replay import RecordedRun, simulate
 from climbplan.simulation.conditions import NOMINAL
 
 Planned = Callable[..., ClimbPlan]
@@ -20,11 +20,11 @@ LIMB = 1  # the second to move
 
 
 @pytest.fixture(name="run", scope="module")
-def _run(planned: Planned) -> Run:
+def _run(planned: Planned) -> RecordedRun:
     return simulate(planned(), NOMINAL)
 
 
-def slid_from(run: Run, first: int, last: int) -> Run:
+def slid_from(run: RecordedRun, first: int, last: int) -> RecordedRun:
     """20 mm up from one sample to another."""
     toes = run.toes.copy()
     toes[first:last, LIMB, 2] += 0.02
@@ -38,7 +38,7 @@ def test_planned_pressure_is_that_of_the_instants(planned: Planned) -> None:
     np.testing.assert_allclose(compute_planned_pressure(plan)[at], expected, atol=1e-6)
 
 
-def test_a_toe_may_slide_once_it_is_let_go_of(planned: Planned, run: Run) -> None:
+def test_a_toe_may_slide_once_it_is_let_go_of(planned: Planned, run: RecordedRun) -> None:
     plan = planned()
     lift = int(np.flatnonzero(~plan.trajectory.contact[:, LIMB])[0])
     pressed = compute_planned_pressure(plan)[:lift, LIMB]
@@ -51,7 +51,7 @@ def test_a_toe_may_slide_once_it_is_let_go_of(planned: Planned, run: Run) -> Non
     assert slip.distance == pytest.approx(0.02, abs=2e-3)
 
 
-def test_a_toe_that_ends_the_plan_is_never_let_go_of(planned: Planned, run: Run) -> None:
+def test_a_toe_that_ends_the_plan_is_never_let_go_of(planned: Planned, run: RecordedRun) -> None:
     plan = planned()
     (slip,) = find_slips(plan, slid_from(run, run.samples - 3, run.samples))
     assert slip.limb == LIMB

@@ -10,7 +10,7 @@ import pytest
 
 from climbplan.errors import UsageError
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.simulation.conditions import NOMINAL, Conditions, ContactLoss
+from climbplan.simulation.conditions import NOMINAL, Conditions, FrictionLoss
 from climbplan.simulation.request import SimulationRequest
 from climbplan.walking.check.reference_dynamics import integrate_continuously
 from climbplan.walking.plan.walk_plan import WalkPlan
@@ -82,7 +82,7 @@ def test_euler_plan_needs_more_correction(mean: WalkPlan, euler: WalkPlan) -> No
 def test_ice_and_lost_contacts_slip(mean: WalkPlan) -> None:
     ice = simulate_walk(mean, Conditions(friction=0.1))
     assert compare_walk(mean, ice).slips or ice.fallen
-    legs = tuple(ContactLoss(leg, 0.0, 1.0) for leg in range(4))
+    legs = tuple(FrictionLoss(leg, 0.0, 1.0) for leg in range(4))
     lost = compare_walk(mean, simulate_walk(mean, Conditions(losses=legs)))
     assert lost.slips
     assert lost.friction.max() < 0.05

@@ -22,7 +22,7 @@ from random_scenes import stepping_scene
 import climbplan
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.program import Instance, Program
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 
 SPECS = Path(__file__).parents[2] / "specs"
 _INSIDE = 0.3  # [s] that a run has been inside its solver when it says so
@@ -90,13 +90,13 @@ def split_valley() -> Instance:
 
 
 def _trajectory() -> object:
-    from climbplan.solvers.ipopt.trajectory import solve_trajectory
+    from climbplan.solvers.ipopt.staged_program import solve_staged_program
 
-    walk = Trajectory("valley", ca.MX)
+    walk = StagedProgram("valley", ca.MX)
     x = walk.variable("x", np.tile([-1.2, 1.0], 2000), -5.0, 5.0)
     walk.between("box", x, -4.0, 4.0)
     walk.minimise("valley", 100 * ca.sumsqr(x[1:] - x[:-1] ** 2) + ca.sumsqr(1 - x[:-1]))
-    return solve_trajectory(walk, [x], {"max_iter": 100_000}, time.perf_counter())
+    return solve_staged_program(walk, [x], {"max_iter": 100_000}, time.perf_counter())
 
 
 def _solve(instance: Callable[[], Instance], solver: str) -> Callable[[], object]:
@@ -133,14 +133,14 @@ def _sqp() -> object:
 
 def _shelf() -> object:
     from climbplan.bookshelf.exact.method import ExactLimits, ExactSolver
-    from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf
+    from climbplan.bookshelf.scene.shelf_scene import Shelf, ShelfScene
 
     rng = np.random.default_rng(3)
     count = 9
     size = np.column_stack([rng.uniform(0.1, 0.14, count), rng.uniform(0.01, 0.02, count)])
     pose = np.column_stack([np.linspace(-0.1, 0.1, count), size[:, 0] / 2, np.zeros(count)])
     limits = ExactLimits(gap_absolute=0.0, gap_relative=0.0, time=120.0)
-    return ExactSolver(Shelf(), limits).solve(Scene(pose, size, np.array([0.12, 0.02])))
+    return ExactSolver(Shelf(), limits).solve(ShelfScene(pose, size, np.array([0.12, 0.02])))
 
 
 def _compile_shelf() -> object:
@@ -202,7 +202,7 @@ RUNS = {
     ),
     "legs": HardRun(_plan("limms_jump"), "limms/legs/solver.py", "solve_legs"),
     "arms": HardRun(
-        _again(_plan("limms_double_arm")), "solvers/ipopt/trajectory.py", "solve_trajectory"
+        _again(_plan("limms_double_arm")), "solvers/ipopt/staged_program.py", "solve_staged_program"
     ),
     "homotopy": HardRun(
         _plan("transition_flat", solver__method="complementarity"),

@@ -17,7 +17,7 @@ from climbplan.solvers.tree import search as tree_search
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 from climbplan.solvers.tree.incumbent import IncumbentStore
 from climbplan.solvers.tree.normal_form import build_normal_form
-from climbplan.solvers.tree.relaxation import Relaxation
+from climbplan.solvers.tree.relaxation import RelaxationSolver
 
 GAP = 1e-4
 
@@ -145,7 +145,7 @@ def test_bounds_of_parts_and_exclusions_lose_nothing(
 
 def test_points_are_kept_only_if_feasible_and_better() -> None:
     instance = pillar(2.0)
-    relaxation = Relaxation(build_normal_form(instance))
+    relaxation = RelaxationSolver(build_normal_form(instance))
     store = IncumbentStore(instance, relaxation, gap=1e-4, tolerance=1e-7)
     cost = relaxation.form.cost
 

@@ -16,7 +16,7 @@ import numba
 import pytest
 
 import climbplan
-from climbplan.cli.console import Session, plain_messages
+from climbplan.cli.console import Invocation, plain_messages
 from climbplan.solvers import compiling
 from climbplan.solvers.mixed_integer.compiling import SOURCES
 
@@ -152,7 +152,7 @@ def test_nowhere_to_write_is_no_error(room: Path, tmp_path: Path) -> None:
     assert (done.stdout, done.stderr) == ("0\n", "")
 
 
-def told(session: Session, capsys: pytest.CaptureFixture[str]) -> str:
+def told(session: Invocation, capsys: pytest.CaptureFixture[str]) -> str:
     """What a session says while two functions are compiled and one is called again."""
     one, other = numba.njit(lambda x: x + 1), numba.njit(lambda x: x - 1)
     compiling._TELLER.__init__()  # as in a process that has compiled nothing yet
@@ -165,10 +165,10 @@ def test_long_compilation_is_told_once(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compiling, "LONG", 60.0)
-    assert told(Session(), capsys) == ""
+    assert told(Invocation(), capsys) == ""
     monkeypatch.setattr(compiling, "LONG", 0.0)
-    assert told(Session(), capsys).count("compiling functions") == 1
-    assert told(Session(quiet=True), capsys) == ""
+    assert told(Invocation(), capsys).count("compiling functions") == 1
+    assert told(Invocation(quiet=True), capsys) == ""
 
 
 def test_python_hears_of_it_through_the_log(

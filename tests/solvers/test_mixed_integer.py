@@ -18,7 +18,7 @@ from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, solve_least_distance
 from climbplan.solvers.mixed_integer.leaf_cover import build_horizon_shift
 from climbplan.solvers.mixed_integer.method import WarmStartedTree, solve_mixed_integer
-from climbplan.solvers.mixed_integer.working_set import Rows, allocate_working_set
+from climbplan.solvers.mixed_integer.working_set import WorkingSetRows, allocate_working_set
 from climbplan.solvers.registry import solve
 
 GAP = 1e-5
@@ -111,7 +111,7 @@ def test_active_set_agrees_with_daqp_and_proves_what_is_empty() -> None:
         found, value, flag, _ = daqp.solve(
             np.eye(k), np.zeros(k), M, upper, lower, np.zeros(m, np.int32), primal_tol=1e-10
         )
-        rows = Rows(
+        rows = WorkingSetRows(
             M, np.ascontiguousarray(M.T), lower, upper, np.ones(m, np.uint8), np.full(m, 1e-10),
             np.array([m]), np.zeros(1, np.uint8),
         )  # fmt: skip

@@ -12,7 +12,7 @@ from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 from climbplan.solvers.tree.choice_hulls import build_choice_hulls, compute_max_cost
 from climbplan.solvers.tree.choice_table import ChoiceTable
 from climbplan.solvers.tree.normal_form import NormalForm, build_normal_form
-from climbplan.solvers.tree.relaxation import Relaxation
+from climbplan.solvers.tree.relaxation import RelaxationSolver
 
 
 def cost(form: NormalForm, z: np.ndarray) -> float:
@@ -127,7 +127,7 @@ def test_dual_values_are_below_the_optimum_for_any_multipliers() -> None:
         form = build_normal_form(instance)
         if result.objective is None or not form.size or form.contradiction:
             continue
-        relaxation = Relaxation(form)
+        relaxation = RelaxationSolver(form)
         rng = np.random.default_rng(seed)
         lower, upper = relaxation.compute_bounds(form.root_masks)
         for _ in range(20):

@@ -17,10 +17,10 @@ from climbplan.solvers.tree.certificate import compute_farkas_bound
 from climbplan.solvers.tree.choice_table import UNBOUNDED
 from climbplan.solvers.tree.dual_gains import compute_dual_steps
 from climbplan.solvers.tree.normal_form import build_normal_form
-from climbplan.solvers.tree.relaxation import ClosedRelaxation, Relaxation, RelaxationPoint
+from climbplan.solvers.tree.relaxation import ClosedRelaxation, RelaxationPoint, RelaxationSolver
 
 
-def relaxed(relaxation: Relaxation) -> RelaxationPoint | None:
+def relaxed(relaxation: RelaxationSolver) -> RelaxationPoint | None:
     """The root relaxation with a few rounds of ball cuts."""
     form, point = relaxation.form, relaxation.start()
     for _ in range(6):
@@ -50,7 +50,7 @@ def test_gains_never_promise_more_than_a_child_relaxation_reaches(instance: obje
     form = build_normal_form(instance)
     if form.contradiction or not form.size:
         return
-    relaxation = Relaxation(form)
+    relaxation = RelaxationSolver(form)
     point = relaxed(relaxation)
     if point is None:
         return
@@ -74,7 +74,7 @@ def test_gains_never_promise_more_than_a_child_relaxation_reaches(instance: obje
 def test_some_gains_are_worth_having(seed: int) -> None:
     """On chains of steps the projected gain is more than half of what the child reaches."""
     form = build_normal_form(stepping_scene(seed, rounds=3, limbs=2).instantiate())
-    relaxation = Relaxation(form)
+    relaxation = RelaxationSolver(form)
     point = relaxed(relaxation)
     assert point is not None
     lower, upper = relaxation.compute_bounds(form.root_masks)
@@ -101,7 +101,7 @@ def test_minima_of_parts_add_up_to_a_bound(seed: int, blocked: bool) -> None:
     optimum = solve_branch_and_bound(instance, gap=1e-6).objective
     assert optimum is not None
     form = build_normal_form(instance)
-    relaxation = Relaxation(form)
+    relaxation = RelaxationSolver(form)
     point = relaxed(relaxation)
     assert point is not None
     all_lower, all_upper = relaxation.compute_bounds(form.root_masks)
@@ -122,7 +122,7 @@ def test_minima_of_parts_add_up_to_a_bound(seed: int, blocked: bool) -> None:
 @pytest.mark.parametrize("seed", range(10))
 def test_ball_cuts_cut_no_feasible_point(seed: int) -> None:
     form = build_normal_form(stepping_scene(seed).instantiate())
-    relaxation = Relaxation(form)
+    relaxation = RelaxationSolver(form)
     rng = np.random.default_rng(seed)
     base = relaxation.pool.count
     for _ in range(5):

@@ -13,7 +13,7 @@ from climbplan.program import Instance
 from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 from climbplan.solvers.tree.incumbent import FeasiblePoint
 from climbplan.solvers.tree.normal_form import build_normal_form
-from climbplan.solvers.tree.search import Node, TreeSearch
+from climbplan.solvers.tree.search import ChoiceNode, TreeSearch
 
 
 def scene(seed: int) -> Instance:
@@ -37,7 +37,7 @@ def best_with(instance: Instance, choice: int, allowed: BoolArray) -> float:
     return np.inf if result.objective is None else result.objective
 
 
-def searching(instance: Instance) -> tuple[TreeSearch, Node]:
+def searching(instance: Instance) -> tuple[TreeSearch, ChoiceNode]:
     """A search and its root after some cut rounds."""
     form = build_normal_form(instance)
     search = TreeSearch(instance, form, 1e-6, np.inf, 1e-7)

@@ -18,7 +18,7 @@ from climbplan.arrays import Array
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
-    Forces,
+    InstantForces,
     Instants,
     Rounds,
     StepLimits,
@@ -123,7 +123,7 @@ def example_climb(rounds: int = 2, spec_text: str | None = None, per_segment: in
     return Climb(scene, _plan(scene, postures, instants, forces, text, per_segment))
 
 
-def balanced_forces(scene: ClimbScene, instants: Instants) -> Forces:
+def balanced_forces(scene: ClimbScene, instants: Instants) -> InstantForces:
     """Forces of least elastic energy in an inscribed pyramid, and commands to match."""
     robot, k = scene.robot, instants.count
     jacobian = jacobian_world(robot, instants.rpy, instants.joint_angles)
@@ -135,7 +135,7 @@ def balanced_forces(scene: ClimbScene, instants: Instants) -> Forces:
     normal = np.einsum("kni,kni->kn", force, instants.normal)
     tangent = np.linalg.norm(force - normal[..., None] * instants.normal, axis=-1)
     critical = np.divide(tangent, normal, out=np.zeros_like(normal), where=normal > 0)
-    return Forces(
+    return InstantForces(
         force=force,
         joint_torques=torques,
         wall_deflection=np.einsum("knij,knj->kni", jacobian, bent),
@@ -203,7 +203,7 @@ def _start_forces(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Arra
 
 
 def _trajectory(
-    scene: ClimbScene, rounds: Rounds, instants: Instants, forces: Forces, per_segment: int
+    scene: ClimbScene, rounds: Rounds, instants: Instants, forces: InstantForces, per_segment: int
 ) -> Trajectory:
     """Unload, lift, swing, lower, wait and push, `per_segment` samples each."""
     names = ("com", "rpy", "toes", "force", "contact")
@@ -263,7 +263,7 @@ def _plan(
     scene: ClimbScene,
     rounds: Rounds,
     instants: Instants,
-    forces: Forces,
+    forces: InstantForces,
     text: str,
     per_segment: int,
 ) -> ClimbPlan:

@@ -18,12 +18,12 @@ from climbplan.cli.output_directory import OutputDirectory
 from climbplan.errors import UsageError
 from climbplan.reports.report_files import write_files
 from climbplan.store.csv_file import write_csv
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_writing import create_store, update_store, write_dataset
 
 SIZE = 256  # [KiB] of the disk
-ROWS = Layout(("n",))
-TEXTS = Layout(("n",), kind="text")
+ROWS = DatasetLayout(("n",))
+TEXTS = DatasetLayout(("n",), kind="text")
 
 
 @pytest.fixture

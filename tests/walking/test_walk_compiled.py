@@ -21,7 +21,7 @@ from climbplan.walking.kernels.toe_workspace import (
     compute_stance_violation,
 )
 from climbplan.walking.offline.footing import build_footing
-from climbplan.walking.offline.pinned import Iterate, PinnedProgram
+from climbplan.walking.offline.pinned import PinnedProgram, WalkIterate
 from climbplan.walking.offline.sqp import guess_iterate, roll_out
 from climbplan.walking.task.task import STATE, Gait, WalkTask
 
@@ -29,12 +29,12 @@ RNG = np.random.default_rng(8)
 TASK = shorter(walk_task(integrator="mean", workspace_over_stance=True), 5)
 
 
-def trot_point(task: WalkTask = TASK) -> tuple[PinnedProgram, Iterate]:
+def trot_point(task: WalkTask = TASK) -> tuple[PinnedProgram, WalkIterate]:
     gait = named("walking trot", task)
     at = guess_iterate(task, gait)
     off = RNG.normal(0, 0.03, at.state.shape)
     off[0] = 0
-    return PinnedProgram(task, gait), Iterate(at.state + off, at.force, at.spots)
+    return PinnedProgram(task, gait), WalkIterate(at.state + off, at.force, at.spots)
 
 
 def test_rollout_is_that_of_the_checker() -> None:
@@ -92,7 +92,7 @@ def test_states_and_stance_rows_are_slopes() -> None:
     """A small move of the unknowns moves the rollout and the toes in the body as the QP says."""
     program, at = trot_point()
     here = roll_out(program, at)
-    at = Iterate(here.state, at.force, at.spots)
+    at = WalkIterate(here.state, at.force, at.spots)
     qp = program.build_qp(at)
     unit = program.force_scale
     z0 = np.concatenate(
@@ -108,7 +108,7 @@ def test_states_and_stance_rows_are_slopes() -> None:
             z = z0.copy()
             z[k] += step
             force, spots = program.split_solution(z)
-            walk = roll_out(program, Iterate(at.state, force, spots))
+            walk = roll_out(program, WalkIterate(at.state, force, spots))
             toe = np.zeros((LEGS, 3))
             toe[leg] = walk.toes[1, leg]
             ends.append((walk.state, transform_toes_to_body(walk.state[1], toe)[leg]))

@@ -20,7 +20,7 @@ from climbplan.walking.micp import branching as parts_of_tubes
 from climbplan.walking.micp import outer_approximation as relaxed_programs
 from climbplan.walking.micp.attitude_box import build_attitude_box
 from climbplan.walking.micp.branch_and_bound import BranchAndBound
-from climbplan.walking.micp.branching import Node, bisect_node, branch_on_contacts
+from climbplan.walking.micp.branching import WalkSubproblem, bisect_node, branch_on_contacts
 from climbplan.walking.micp.contact_search import ContactSearch
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.node_lp import BranchingDecision, NodeLp
@@ -32,7 +32,7 @@ from climbplan.walking.micp.outer_approximation import (
     solve_lp,
 )
 from climbplan.walking.micp.prefix_relaxation import (
-    Formulation,
+    TaskRelaxation,
     TightenedBounds,
     bound_by_prefix,
     bound_by_tightening,
@@ -55,7 +55,7 @@ from climbplan.walking.task.task import Gait, WalkTrajectory
 class Cheap:
     """All motions of a short task that cost no more than a known one, and what heads tell."""
 
-    stated: Formulation
+    stated: TaskRelaxation
     found: WalkTrajectory
     cost: float
     drawn: TightenedBounds
@@ -67,13 +67,13 @@ def cheap() -> Cheap:
     answer = known(task)
     assert answer.trajectory is not None
     tube = build_attitude_box(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
-    stated = Formulation(task, tube, answer.objective * 1.005, 1, 1, 3.0)
+    stated = TaskRelaxation(task, tube, answer.objective * 1.005, 1, 1, 3.0)
     drawn = tighten_by_prefixes(stated, stated.build(None), 20.0, time.process_time)
     assert drawn is not None
     return Cheap(stated, answer.trajectory, answer.objective, drawn)
 
 
-def lowest(stated: Formulation, program: MixedIntegerRelaxation) -> float:
+def lowest(stated: TaskRelaxation, program: MixedIntegerRelaxation) -> float:
     """What the relaxed program costs at least."""
     return max(
         bound
@@ -103,7 +103,7 @@ def test_heads_keep_cheaper_motions_and_draw_ranges_closer(cheap: Cheap) -> None
     assert tighten_by_prefixes(none, none.build(None), 1.0, time.process_time) is None
 
 
-def held_by(part: Node, found: WalkTrajectory) -> bool:
+def held_by(part: WalkSubproblem, found: WalkTrajectory) -> bool:
     """Whether a motion is in a part: its states, contacts, and arms of legs that stand."""
     box = part.bounds
     if box is None:
@@ -124,7 +124,7 @@ def test_parts_by_contacts_and_halves_are_all_motions_together(
     after = cheap.cost - compute_objective(
         truncate_task(stated.task, 3), found.state[:4], found.force[:4]
     )
-    part, program = Node(stated, breaks_symmetry=False, bounds=box), stated.build(box)
+    part, program = WalkSubproblem(stated, breaks_symmetry=False, bounds=box), stated.build(box)
     monkeypatch.setattr(parts_of_tubes, "_MAX_CHILDREN", 1)
     assert branch_on_contacts(part, program, 1e-4 * stated.cutoff, lambda: True) is None
     monkeypatch.setattr(parts_of_tubes, "_MAX_CHILDREN", 100)
@@ -159,7 +159,7 @@ def test_parts_by_contacts_and_halves_are_all_motions_together(
         part = held[0]
         assert part.bounds is not None
         assert program_cost(stated.build(part.bounds), found) <= cheap.cost * (1 + 1e-6)
-    undecided = branch_on_contacts(Node(stated, False, box), program, 1e-4, lambda: False)
+    undecided = branch_on_contacts(WalkSubproblem(stated, False, box), program, 1e-4, lambda: False)
     assert undecided is not None
     assert [one.num_decided for one in undecided] == [0]  # out of time: nothing is left out
 
@@ -225,7 +225,7 @@ def test_a_search_over_contacts_ends_where_highs_ends() -> None:
     tube = build_attitude_box(task, answer.trajectory.state, 0.3 * ANGLES, 0.3 * SPIN)
     both = include_mirror_images(tube, 20 * ANGLES, 20 * SPIN)
     assert both is not None
-    stated = Formulation(task, both, answer.objective * 1.02, 1, 1, 1.5)
+    stated = TaskRelaxation(task, both, answer.objective * 1.02, 1, 1, 1.5)
     program, sag = stated.build(None), 1e-4 * stated.cutoff
     search = contacts_searched(NodeLp(program, sag))
     bound = search.run()
@@ -272,7 +272,7 @@ def test_of_two_motions_that_mirror_one_is_enough() -> None:
     tube = include_mirror_images(about, *width)
     assert tube is not None
     assert include_mirror_images(replace(about, angles=about.angles + 0.5), *width) is None
-    stated = Formulation(task, tube, 1.01 * answer.objective, 1, 1, 3.0)
+    stated = TaskRelaxation(task, tube, 1.01 * answer.objective, 1, 1, 3.0)
     program = stated.build(None)
     first = []
     for motion in (found, other):
@@ -293,7 +293,7 @@ def test_a_search_over_contacts_keeps_what_other_seeds_find() -> None:
         task, motions, np.deg2rad([1.0, 2.0, 1.0]), np.array([0.25, 0.5, 0.25])
     )
     least = min(answer.objective for answer in answers)
-    stated = Formulation(task, tube, 1.001 * least, 1, 1, 3.0)
+    stated = TaskRelaxation(task, tube, 1.001 * least, 1, 1, 3.0)
     kept = NodeLp(stated.build(None), 5e-4 * least)
     drawn = list[float]()
 
@@ -335,7 +335,7 @@ def test_heads_keep_what_other_seeds_find(disturbed: bool) -> None:
     found = [a.trajectory for a in answers if a.trajectory is not None and a.objective <= cost]
     width = np.deg2rad([1.0, 2.0, 1.0]), np.array([0.25, 0.5, 0.25])
     tube = build_attitude_box(task, np.stack([one.state for one in found]), *width)
-    stated = Formulation(task, tube, cost, 1, 1, 3.0)
+    stated = TaskRelaxation(task, tube, cost, 1, 1, 3.0)
     drawn = tighten_by_prefixes(stated, stated.build(None), 40.0, time.process_time)
     assert drawn is not None
     held = stated.build(drawn.bounds)

@@ -10,7 +10,7 @@ from walk_tasks import named, shorter, walk_task
 
 from climbplan.program.linear_rows import LinearRows
 from climbplan.walking.check.checker import LIMITS
-from climbplan.walking.offline.pinned import Iterate, PinnedProgram
+from climbplan.walking.offline.pinned import PinnedProgram, WalkIterate
 from climbplan.walking.offline.sqp import guess_iterate, roll_out
 from climbplan.walking.online.candidate_selection import SAFE_STANCE
 from climbplan.walking.online.controller import OnlineController, OnlineSettings
@@ -35,7 +35,7 @@ def test_planes_contain_a_true_motion(integrator: Integrator, beside: float) -> 
         assert found is not None
         at = found
     force = at.force + np.where(at.force != 0, RNG.normal(0, 0.5, at.force.shape), 0)
-    walk = roll_out(program, Iterate(at.state, force, at.spots))
+    walk = roll_out(program, WalkIterate(at.state, force, at.spots))
     assert 0.01 < np.abs(walk.state[:, 6:9]).max() < 1.0
     published = PublishedProgram(program, beside)
     values = published.layout.evaluate_motion(walk.state, force, walk.toes, at.spots)

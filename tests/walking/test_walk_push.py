@@ -29,8 +29,8 @@ from climbplan.walking.online.library import SectionLibrary, build_library
 from climbplan.walking.online.run import build_scenario, build_settings
 from climbplan.walking.online.stance import (
     LIFT_OFF_VIOLATION,
-    Phase,
-    Stance,
+    StancePhase,
+    ToeStance,
     build_stance,
     limit_landing,
 )
@@ -267,8 +267,8 @@ def test_a_stance_is_redirected_until_its_knot() -> None:
     swinging = replace(stance.phase, contact=np.array([1, 1, 0, 0], bool), landing=landing)
     stance = replace(stance, phase=swinging)
     wanted = np.array([1, 0, 1, 0], bool)
-    phase = Phase(wanted, np.ones((LEGS, 3)), TASK.start.toes + 0.1)
-    after: Stance = stance.replace_plan(TASK, phase, 0.5, 0.75)
+    phase = StancePhase(wanted, np.ones((LEGS, 3)), TASK.start.toes + 0.1)
+    after: ToeStance = stance.replace_plan(TASK, phase, 0.5, 0.75)
     np.testing.assert_array_equal(after.phase.contact, [True, False, False, False])
     np.testing.assert_array_equal(after.phase.landing, phase.landing)
     # Those in the air go on from where they are; the interval ends sooner than it was to

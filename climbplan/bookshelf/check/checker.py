@@ -22,12 +22,16 @@ from climbplan.bookshelf.scene.rectangles import (
     compute_separation,
     find_ground_contact,
 )
-from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, State
+from climbplan.bookshelf.scene.shelf_scene import BookState, Scenes, Shelf
 
 LENGTH_LIMIT = 1e-5  # [m]
 
-_TARGET = {State.FLAT_LEFT: math.pi / 2, State.UPRIGHT: 0.0, State.FLAT_RIGHT: -math.pi / 2}
-_LEAN_SIGN = {State.LEAN_LEFT: 1.0, State.LEAN_RIGHT: -1.0}
+_TARGET = {
+    BookState.FLAT_LEFT: math.pi / 2,
+    BookState.UPRIGHT: 0.0,
+    BookState.FLAT_RIGHT: -math.pi / 2,
+}
+_LEAN_SIGN = {BookState.LEAN_LEFT: 1.0, BookState.LEAN_RIGHT: -1.0}
 
 
 def check_contact(
@@ -38,7 +42,7 @@ def check_contact(
     Args:
         scenes: the stored books before the insertion and the inserted books.
         pose: (S, n + 1, 3) x, y [m], angle [rad], the inserted book last.
-        state: (S, n + 1) of `State`.
+        state: (S, n + 1) of `BookState`.
         shelf: walls, clear height and contact gaps.
         length_limit: largest violation of a constraint on lengths [m].
 
@@ -103,14 +107,14 @@ def _compute_state_error(angle: Array, state: IntArray) -> Array:
     for value, sign in _LEAN_SIGN.items():
         outside = np.maximum(-sign * angle, sign * angle - math.pi / 2)
         off = np.where(state == value, outside, off)
-    leaning = (state[:, -1] == State.LEAN_LEFT) | (state[:, -1] == State.LEAN_RIGHT)
+    leaning = (state[:, -1] == BookState.LEAN_LEFT) | (state[:, -1] == BookState.LEAN_RIGHT)
     off[leaning, -1] = np.inf  # the inserted book is let go of upright or flat
     return off
 
 
 def _compute_lean_shortfall(pose: Array, size: Array, state: IntArray, shelf: Shelf) -> Array:
     """Return the tilt that leaning books lack for stability (S, n + 1) [rad]."""
-    leaning = (state == State.LEAN_LEFT) | (state == State.LEAN_RIGHT)
+    leaning = (state == BookState.LEAN_LEFT) | (state == BookState.LEAN_RIGHT)
     short: Array = np.where(leaning, shelf.min_lean_angle(size) - np.abs(pose[..., 2]), 0.0)
     return short
 
@@ -121,7 +125,7 @@ def _measure_support_gaps(scenes: Scenes, pose: Array, state: IntArray, shelf: S
     gap = np.zeros(state.shape)
     for k in range(n):
         reach = compute_half_extents(pose[:, k, 2], size[:, k])[:, 0]
-        for side, step in ((State.LEAN_LEFT, -1), (State.LEAN_RIGHT, 1)):
+        for side, step in ((BookState.LEAN_LEFT, -1), (BookState.LEAN_RIGHT, 1)):
             neighbour = k + step
             if 0 <= neighbour < n:
                 apart = compute_distance(

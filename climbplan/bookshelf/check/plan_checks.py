@@ -31,7 +31,7 @@ from climbplan.bookshelf.scene.scene_source import (
     build_shelf,
     read_spec_scenes,
 )
-from climbplan.bookshelf.scene.shelf_scene import Scenes, State, compute_movement_cost
+from climbplan.bookshelf.scene.shelf_scene import BookState, Scenes, compute_movement_cost
 from climbplan.bookshelf.schema.model import BookshelfSpec, ShelfSolverSpec
 from climbplan.errors import SpecError, UsageError
 from climbplan.schema.holding import HeldSpec
@@ -181,7 +181,7 @@ def _find_row_faults(solutions: Solutions, scenes: Scenes) -> Iterator[str]:
     placed, has_many = solutions.placed, len(scenes) > 1
     has_no_pose = np.asarray(np.isnan(solutions.pose).all(axis=(1, 2)), bool)
     is_state = np.asarray(
-        ((solutions.state >= 0) & (solutions.state < len(State))).all(axis=1), bool
+        ((solutions.state >= 0) & (solutions.state < len(BookState))).all(axis=1), bool
     )
     no_state = np.asarray((solutions.state == NO_STATE).all(axis=1), bool)
     for k, status in enumerate(solutions.status):

@@ -21,7 +21,7 @@ from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.check.checker import name_books
 from climbplan.bookshelf.check.checks import NamedResidual, PlacementCheck, select_worst
 from climbplan.bookshelf.scene.rectangles import compute_corners, compute_separation
-from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, State
+from climbplan.bookshelf.scene.shelf_scene import BookState, Scenes, Shelf
 
 # What solvers leave on top of a tolerance that they use up [mm], on sines too
 ROUNDING = 1e-4
@@ -37,12 +37,12 @@ def infer_published_states(scenes: Scenes, pose: Array, shelf: Shelf) -> IntArra
     """
     rules, size = shelf.published, scenes.sizes
     scores = []
-    for value in State:
+    for value in BookState:
         state = np.full(pose.shape[:2], int(value), np.int64)
         sine = np.maximum(_compute_sine_error(pose, state), 0) / max(rules.sine, 1e-9)
         ground = _compute_ground_error(pose, size, state) / max(rules.distance, 1e-9)
         score = np.maximum(sine, ground)
-        scores.append(score if value in (State.LEAN_LEFT, State.LEAN_RIGHT) else score - 1)
+        scores.append(score if value in (BookState.LEAN_LEFT, BookState.LEAN_RIGHT) else score - 1)
     return np.argmin(scores, axis=0).astype(np.int64)
 
 
@@ -92,11 +92,11 @@ def _compute_sine_error(pose: Array, state: IntArray) -> Array:
     """Return the violation of eqs. (8.6) to (8.10) on R(2, 1), angle > 0 to the left."""
     sine = np.sin(pose[..., 2])
     off = np.abs(sine)
-    off = np.where(state == State.FLAT_LEFT, 1 - sine, off)
-    off = np.where(state == State.FLAT_RIGHT, 1 + sine, off)
-    off = np.where(state == State.LEAN_LEFT, -sine, off)
-    off = np.where(state == State.LEAN_RIGHT, sine, off)
-    leaning = (state[:, -1] == State.LEAN_LEFT) | (state[:, -1] == State.LEAN_RIGHT)
+    off = np.where(state == BookState.FLAT_LEFT, 1 - sine, off)
+    off = np.where(state == BookState.FLAT_RIGHT, 1 + sine, off)
+    off = np.where(state == BookState.LEAN_LEFT, -sine, off)
+    off = np.where(state == BookState.LEAN_RIGHT, sine, off)
+    leaning = (state[:, -1] == BookState.LEAN_LEFT) | (state[:, -1] == BookState.LEAN_RIGHT)
     off[leaning, -1] = np.inf
     return off
 
@@ -105,9 +105,9 @@ def _compute_ground_error(pose: Array, size: Array, state: IntArray) -> Array:
     """Return the violation of eqs. (8.6) to (8.8) on the centre, (8.9), (8.10) on the foot [m]."""
     vertex = compute_corners(pose, size)
     off = np.abs(pose[..., 1] - size[..., 1] / 2)
-    off = np.where(state == State.UPRIGHT, np.abs(pose[..., 1] - size[..., 0] / 2), off)
-    off = np.where(state == State.LEAN_LEFT, np.abs(vertex[..., _BOTTOM_LEFT, 1]), off)
-    return np.where(state == State.LEAN_RIGHT, np.abs(vertex[..., _BOTTOM_RIGHT, 1]), off)
+    off = np.where(state == BookState.UPRIGHT, np.abs(pose[..., 1] - size[..., 0] / 2), off)
+    off = np.where(state == BookState.LEAN_LEFT, np.abs(vertex[..., _BOTTOM_LEFT, 1]), off)
+    return np.where(state == BookState.LEAN_RIGHT, np.abs(vertex[..., _BOTTOM_RIGHT, 1]), off)
 
 
 def _measure_lean_support(
@@ -118,7 +118,7 @@ def _measure_lean_support(
     support, stability = np.zeros(state.shape), np.zeros(state.shape)
     x = pose[..., 0]
     for k in range(n):
-        left, right = state[:, k] == State.LEAN_LEFT, state[:, k] == State.LEAN_RIGHT
+        left, right = state[:, k] == BookState.LEAN_LEFT, state[:, k] == BookState.LEAN_RIGHT
         if k > 0:
             touch, neighbour_x = (
                 fit_corner_line(vertex[:, k - 1], vertex[:, k]).tolerance,

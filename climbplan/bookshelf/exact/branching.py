@@ -23,7 +23,7 @@ from climbplan.bookshelf.exact.problem import (
     STATE_COST,
     UPRIGHT,
     WIDTH,
-    Problem,
+    SceneArrays,
     select_side,
 )
 from climbplan.bookshelf.exact.relaxation import (
@@ -66,7 +66,7 @@ _NARROW = 1e-7  # [rad] intervals are not halved below this
 
 
 @compiled
-def estimate_gains(problem: Problem, work: NodeWorkspace, mask: IntArray) -> None:
+def estimate_gains(problem: SceneArrays, work: NodeWorkspace, mask: IntArray) -> None:
     """Estimate the gains of all decisions for the node that was last relaxed.
 
     The estimate of a row is allocated to its undecided books. Without any it is allocated to its
@@ -103,7 +103,7 @@ def estimate_gains(problem: Problem, work: NodeWorkspace, mask: IntArray) -> Non
 
 
 @compiled
-def _build_completion(problem: Problem, work: NodeWorkspace, mask: IntArray, k: int) -> None:
+def _build_completion(problem: SceneArrays, work: NodeWorkspace, mask: IntArray, k: int) -> None:
     """Build side and tilt of a book in the completion."""
     n, body, book = problem.stored, work.body, problem.book
     body[k, POINT_SIDE] = body[k, SIDE]
@@ -129,7 +129,7 @@ def _build_completion(problem: Problem, work: NodeWorkspace, mask: IntArray, k: 
 
 
 @compiled
-def _allocate_gain(problem: Problem, work: NodeWorkspace, i: int, j: int, gain: float) -> None:
+def _allocate_gain(problem: SceneArrays, work: NodeWorkspace, i: int, j: int, gain: float) -> None:
     n, body, role = problem.stored, work.body, work.role
     undecided, total = 0, 0.0
     for k in range(n):
@@ -148,7 +148,7 @@ def _allocate_gain(problem: Problem, work: NodeWorkspace, i: int, j: int, gain: 
 
 
 @compiled
-def _compute_separation(problem: Problem, body: Array, i: int, j: int) -> float:
+def _compute_separation(problem: SceneArrays, body: Array, i: int, j: int) -> float:
     """Compute D of two books in the completion."""
     book = problem.book
     return bound_pair_separation(
@@ -159,7 +159,7 @@ def _compute_separation(problem: Problem, body: Array, i: int, j: int) -> float:
 
 
 @compiled
-def _compute_contact_distance(problem: Problem, body: Array, i: int, j: int) -> float:
+def _compute_contact_distance(problem: SceneArrays, body: Array, i: int, j: int) -> float:
     """Compute U of two books in the completion."""
     book = problem.book
     return bound_contact_distance(
@@ -170,14 +170,14 @@ def _compute_contact_distance(problem: Problem, body: Array, i: int, j: int) -> 
 
 
 @compiled
-def _compute_half_width(problem: Problem, body: Array, k: int) -> float:
+def _compute_half_width(problem: SceneArrays, body: Array, k: int) -> float:
     """Compute e of a book in the completion."""
     book = problem.book[k]
     return 0.5 * (book[HEIGHT] * body[k, POINT + 2] + book[WIDTH] * body[k, POINT + 3])
 
 
 @compiled
-def _evaluate_exact_bound(problem: Problem, body: Array, kind: float, i: int, j: int) -> float:
+def _evaluate_exact_bound(problem: SceneArrays, body: Array, kind: float, i: int, j: int) -> float:
     """Evaluate D, U or e of a row exactly for the completion."""
     n = problem.stored
     if kind == APART:
@@ -195,7 +195,7 @@ def _evaluate_exact_bound(problem: Problem, body: Array, kind: float, i: int, j:
 
 
 @compiled
-def _find_missing_contacts(problem: Problem, work: NodeWorkspace) -> None:
+def _find_missing_contacts(problem: SceneArrays, work: NodeWorkspace) -> None:
     """Add the gain of undecided books whose completion leans on nothing, as no row excludes it."""
     n, body = problem.stored, work.body
     for k in range(n):
@@ -218,7 +218,7 @@ def _find_missing_contacts(problem: Problem, work: NodeWorkspace) -> None:
 
 
 @compiled
-def select_branch(problem: Problem, work: NodeWorkspace, mask: IntArray) -> int:
+def select_branch(problem: SceneArrays, work: NodeWorkspace, mask: IntArray) -> int:
     """Select the branch with the largest gain.
 
     Returns the book to split by state, n + book to split by tilt, or -1 if nothing can be split.

@@ -27,7 +27,7 @@ from climbplan.bookshelf.exact.problem import (
     LEANS_LEFT,
     UPRIGHT,
     WIDTH,
-    Problem,
+    SceneArrays,
     build_problem,
     select_side,
 )
@@ -39,7 +39,7 @@ from climbplan.bookshelf.exact.tree import (
     PLACE,
     PLACEMENTS,
     UNUSED,
-    Tree,
+    PlacementTree,
     compute_lower_bound,
     create_tree,
     grow_tree,
@@ -48,7 +48,13 @@ from climbplan.bookshelf.exact.tree import (
 )
 from climbplan.bookshelf.exact.workspace import NodeWorkspace, create_workspace
 from climbplan.bookshelf.plan.answer import Placement, SceneAnswer, Shortage, Status
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, State, compute_movement_cost
+from climbplan.bookshelf.scene.shelf_scene import (
+    BookState,
+    Scenes,
+    Shelf,
+    ShelfScene,
+    compute_movement_cost,
+)
 
 _CAPACITY = 1024  # nodes of a new tree
 _LARGE = 65536  # a tree that has grown beyond is not used again: it takes long to empty
@@ -72,7 +78,7 @@ class ExactLimits:
 def compile_once() -> None:
     """Compile the search, or read it from the disk, before any clock of a scene runs."""
     pose = np.array([[-0.02, 0.03, 0.0]])
-    scene = Scene(pose, np.array([[0.06, 0.02]]), np.array([0.06, 0.02]))
+    scene = ShelfScene(pose, np.array([[0.06, 0.02]]), np.array([0.06, 0.02]))
     ExactSolver(Shelf())._solve(scene)
 
 
@@ -92,9 +98,9 @@ class ExactSolver:
         self.depth = depth
         self.limits = limits or ExactLimits()
         self._workspaces: dict[int, NodeWorkspace] = {}
-        self._trees: dict[int, Tree] = {}
+        self._trees: dict[int, PlacementTree] = {}
 
-    def solve(self, scene: Scene, time_limit: float | None = None) -> SceneAnswer:
+    def solve(self, scene: ShelfScene, time_limit: float | None = None) -> SceneAnswer:
         """Return the placement of minimum movement; time_limit: [s] that of the limits if left out.
 
         Raises:
@@ -103,7 +109,7 @@ class ExactSolver:
         compile_once()
         return self._solve(scene, self.limits.time if time_limit is None else time_limit)
 
-    def _solve(self, scene: Scene, time_limit: float = math.inf) -> SceneAnswer:
+    def _solve(self, scene: ShelfScene, time_limit: float = math.inf) -> SceneAnswer:
         start = time.perf_counter()
         scenes, limits = Scenes.of([scene]), self.limits
         scenes.require()
@@ -148,8 +154,8 @@ class ExactSolver:
         return answers
 
     def _search(
-        self, problem: Problem, absolute: float, relative: float, end: float
-    ) -> tuple[Tree, bool]:
+        self, problem: SceneArrays, absolute: float, relative: float, end: float
+    ) -> tuple[PlacementTree, bool]:
         """Search a problem; returns the tree, and whether the search was completed."""
         n = problem.stored
         if n not in self._workspaces:
@@ -183,12 +189,12 @@ class ExactSolver:
                     insert_side_by_side_roots(problem, tree)
             chunk = min(2 * chunk, _CHUNK) if now - before < _LOOK else max(chunk // 2, 1)
 
-    def _compute_missing_height(self, problem: Problem) -> Shortage:
+    def _compute_missing_height(self, problem: SceneArrays) -> Shortage:
         """Compute the missing clear height for the book that fits neither upright nor flat."""
         smaller_side = problem.book[:, [HEIGHT, WIDTH]].min(axis=1)
         return Shortage(0.0, 0.0, 1e-3 * float(smaller_side.max()) - self.shelf.height)
 
-    def _find_missing_width(self, scene: Scene, end: float) -> Shortage:
+    def _find_missing_width(self, scene: ShelfScene, end: float) -> Shortage:
         """Find the missing width of the shelf by bisection.
 
         A wider shelf keeps every placement, as some gap between books needs no contact. Bisection
@@ -214,21 +220,21 @@ class ExactSolver:
         return Shortage(sufficient_width, insufficient_width, 0.0)
 
 
-def _extract_placement(problem: Problem, tree: Tree) -> Placement:
+def _extract_placement(problem: SceneArrays, tree: PlacementTree) -> Placement:
     """Extract the incumbent, with the inserted book in the middle of its free interval."""
     n, book = problem.stored, problem.book
     x, tilt = np.append(tree.best[PLACE : PLACE + n], 0.0), np.zeros(n + 1)
     state, side = np.zeros(n + 1, np.int64), np.ones(n + 1)
     for k in range(n + 1):
         inner = int(tree.best_mask[k]).bit_length() - 1
-        side[k], state[k] = select_side(inner), State.UPRIGHT
+        side[k], state[k] = select_side(inner), BookState.UPRIGHT
         if inner in (LEAN_LEFT, LEAN_RIGHT):
             tilt[k] = tree.best[PLACE + n + k]
-            state[k] = State.LEAN_LEFT if inner == LEAN_LEFT else State.LEAN_RIGHT
+            state[k] = BookState.LEAN_LEFT if inner == LEAN_LEFT else BookState.LEAN_RIGHT
         if inner == FLAT or tilt[k] == math.pi / 2:  # it lies, on the side that it was tilted to
             tilt[k] = math.pi / 2
             side[k] = 1.0 if k == n or book[k, LEANS_LEFT] > 0 else -1.0
-            state[k] = State.FLAT_LEFT if side[k] > 0 else State.FLAT_RIGHT
+            state[k] = BookState.FLAT_LEFT if side[k] > 0 else BookState.FLAT_RIGHT
     slot = int(tree.counters[BEST_SLOT])
     x[n] = _find_free_middle(problem, slot, x, side, tilt)
     y = (book[:, WIDTH] * np.sin(tilt) + book[:, HEIGHT] * np.cos(tilt)) / 2
@@ -236,7 +242,7 @@ def _extract_placement(problem: Problem, tree: Tree) -> Placement:
     return Placement(pose, state, slot)
 
 
-def _find_free_middle(problem: Problem, slot: int, x: Array, side: Array, tilt: Array) -> float:
+def _find_free_middle(problem: SceneArrays, slot: int, x: Array, side: Array, tilt: Array) -> float:
     """Find the middle of the interval in which the inserted book's centre is feasible."""
     n, book = problem.stored, problem.book
     boxes = np.zeros((n + 1, 7))

@@ -20,11 +20,11 @@ from climbplan.bookshelf.exact.pairs import (
     maximise_sinusoid,
     minimise_sinusoid,
 )
-from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf
+from climbplan.bookshelf.scene.shelf_scene import Shelf, ShelfScene
 
 FLAT, LEAN_LEFT, UPRIGHT, LEAN_RIGHT = 0, 1, 2, 3
 
-# Columns of `Problem.book`
+# Columns of `SceneArrays.book`
 HEIGHT, WIDTH, X0, Y0, COS0 = 0, 1, 2, 3, 4
 LEANS_LEFT = 5  # 1 if the book is tilted to the left before
 LEAN_FROM = 6  # least tilt of a leaning book: stability and clear height
@@ -38,7 +38,7 @@ _COLUMNS = 21
 _PIECES = 3  # parts of a lean interval in the table of state pairs
 
 
-class Problem(NamedTuple):
+class SceneArrays(NamedTuple):
     """The data of one scene."""
 
     stored: int  # n
@@ -52,7 +52,7 @@ class Problem(NamedTuple):
     depth: float  # by which books may penetrate each other; 0 but for comparisons
 
 
-def build_problem(scene: Scene, shelf: Shelf, depth: float = 0.0) -> Problem:
+def build_problem(scene: ShelfScene, shelf: Shelf, depth: float = 0.0) -> SceneArrays:
     """Build the problem of inserting the scene's book with minimum movement.
 
     depth: permitted penetration of books [m].
@@ -64,7 +64,7 @@ def build_problem(scene: Scene, shelf: Shelf, depth: float = 0.0) -> Problem:
     book[:n, Y0] = 1e3 * scene.pose[:, 1]
     book[:n, COS0] = np.cos(scene.pose[:, 2])
     book[:n, LEANS_LEFT] = np.sin(scene.pose[:, 2]) >= 0
-    problem = Problem(
+    problem = SceneArrays(
         stored=n,
         book=book,
         min_separation=np.zeros((n + 1, n + 1, 4, 4)),
@@ -79,7 +79,7 @@ def build_problem(scene: Scene, shelf: Shelf, depth: float = 0.0) -> Problem:
     return problem._replace(cost_limit=_bound_cost_above(problem))
 
 
-def _bound_cost_above(problem: Problem) -> float:
+def _bound_cost_above(problem: SceneArrays) -> float:
     """Bound the cost of every placement from above."""
     stored = problem.book[:-1]
     far = np.maximum(np.abs(problem.right - stored[:, X0]), np.abs(stored[:, X0] - problem.left))
@@ -94,7 +94,7 @@ def select_side(state: int) -> float:
 
 
 @compiled
-def fill_problem(problem: Problem, clear: float, margin: float) -> None:
+def fill_problem(problem: SceneArrays, clear: float, margin: float) -> None:
     """Fill the columns that follow from a new problem's sizes and poses, and the table.
 
     clear: height of the shelf, margin: on top of the least tilt that is stable.
@@ -153,7 +153,7 @@ def _interpolate_tilt(book: Array, k: int, state: int, fraction: float) -> float
 
 @compiled
 def _bound_state_separation(
-    problem: Problem, i: int, a: int, j: int, b: int, box: Array, other_box: Array
+    problem: SceneArrays, i: int, a: int, j: int, b: int, box: Array, other_box: Array
 ) -> float:
     """Bound D over all tilts of two states from below."""
     book = problem.book

@@ -28,7 +28,7 @@ from climbplan.bookshelf.exact.problem import (
     WIDTH,
     X0,
     Y0,
-    Problem,
+    SceneArrays,
 )
 from climbplan.bookshelf.exact.qp import CUT_OFF, EMPTY, SOLVED, STUCK, solve_least_distance
 from climbplan.bookshelf.exact.rows import write_rows
@@ -51,7 +51,7 @@ _LEAN_COST = 0.3  # [mm^2] in the choice of the cheapest state
 
 
 @compiled
-def select_cheapest_state(problem: Problem, k: int, mask: int) -> int:
+def select_cheapest_state(problem: SceneArrays, k: int, mask: int) -> int:
     """Select the state of a mask that is cheapest for this book alone."""
     best, cost = -1, np.inf
     for state in range(4):
@@ -69,7 +69,7 @@ def select_cheapest_state(problem: Problem, k: int, mask: int) -> int:
 
 
 @compiled
-def evaluate_turn_cost(problem: Problem, k: int, s: float, c: float) -> float:
+def evaluate_turn_cost(problem: SceneArrays, k: int, s: float, c: float) -> float:
     """Evaluate the cost of lifting and turning a book to the tilt with this sine and cosine."""
     book = problem.book[k]
     y = 0.5 * (book[WIDTH] * s + book[HEIGHT] * c) - book[Y0]
@@ -79,7 +79,7 @@ def evaluate_turn_cost(problem: Problem, k: int, s: float, c: float) -> float:
 
 @compiled
 def solve_relaxation(
-    problem: Problem, work: NodeWorkspace, slot: int, mask: IntArray, span: Array, cutoff: float
+    problem: SceneArrays, work: NodeWorkspace, slot: int, mask: IntArray, span: Array, cutoff: float
 ) -> tuple[int, float]:
     """Solve the relaxation of a node.
 
@@ -145,7 +145,7 @@ def solve_relaxation(
 
 
 @compiled
-def _write_objective(problem: Problem, work: NodeWorkspace, mask: IntArray) -> float:
+def _write_objective(problem: SceneArrays, work: NodeWorkspace, mask: IntArray) -> float:
     """Write targets and weights of the variables; returns the constant part of the cost."""
     n, objective = problem.stored, work.objective
     constant = 0.0
@@ -165,7 +165,7 @@ def _write_objective(problem: Problem, work: NodeWorkspace, mask: IntArray) -> f
 
 @compiled
 def _bound_undecided_turn_cost(
-    problem: Problem, work: NodeWorkspace, mask: IntArray, k: int
+    problem: SceneArrays, work: NodeWorkspace, mask: IntArray, k: int
 ) -> float:
     """Bound the turn cost of a book with a fixed tilt or an undecided state."""
     if work.role[k, STATE] >= 0:
@@ -191,7 +191,7 @@ def _compute_secant_and_tangent(
 
 
 @compiled
-def build_turn_cost_model(problem: Problem, box: Array, k: int) -> tuple[float, float, float]:
+def build_turn_cost_model(problem: SceneArrays, box: Array, k: int) -> tuple[float, float, float]:
     """Build a quadratic near the turn cost's lower bound: linear, square, constant coefficient."""
     book = problem.book[k]
     y, y_slope, top, top_slope = _compute_secant_and_tangent(
@@ -212,7 +212,7 @@ def build_turn_cost_model(problem: Problem, box: Array, k: int) -> tuple[float, 
 
 
 @compiled
-def bound_turn_cost(problem: Problem, box: Array, k: int, multiplier: float) -> float:
+def bound_turn_cost(problem: SceneArrays, box: Array, k: int, multiplier: float) -> float:
     """Bound the turn cost - multiplier d over an interval from below, d from its middle.
 
     y and cos are above their secants and below their tangents, which makes the turn cost at least
@@ -250,7 +250,7 @@ def bound_turn_cost(problem: Problem, box: Array, k: int, multiplier: float) -> 
 
 
 @compiled
-def _evaluate_lagrangian(problem: Problem, work: NodeWorkspace, mask: IntArray) -> float:
+def _evaluate_lagrangian(problem: SceneArrays, work: NodeWorkspace, mask: IntArray) -> float:
     """Evaluate the Lagrangian bound for the multipliers in column MULTIPLIER."""
     n, side = problem.stored, work.side
     bound = 0.0

@@ -22,7 +22,7 @@ from climbplan.arrays import IntArray
 from climbplan.bookshelf.exact.compiling import compiled
 from climbplan.bookshelf.exact.contact import bound_contact_distance
 from climbplan.bookshelf.exact.pairs import bound_pair_separation
-from climbplan.bookshelf.exact.problem import HEIGHT, LEAN_LEFT, LEAN_RIGHT, WIDTH, Problem
+from climbplan.bookshelf.exact.problem import HEIGHT, LEAN_LEFT, LEAN_RIGHT, WIDTH, SceneArrays
 from climbplan.bookshelf.exact.workspace import (
     ALONE,
     APART,
@@ -52,7 +52,7 @@ from climbplan.bookshelf.exact.workspace import (
 
 
 @compiled
-def select_min_separation(problem: Problem, mask: IntArray, i: int, j: int) -> float:
+def select_min_separation(problem: SceneArrays, mask: IntArray, i: int, j: int) -> float:
     """Select the smallest D of book i left of book j over their possible states."""
     min_separation = np.inf
     for a in range(4):
@@ -65,7 +65,7 @@ def select_min_separation(problem: Problem, mask: IntArray, i: int, j: int) -> f
 
 @compiled
 def _bound_separation(
-    problem: Problem, work: NodeWorkspace, mask: IntArray, i: int, j: int
+    problem: SceneArrays, work: NodeWorkspace, mask: IntArray, i: int, j: int
 ) -> tuple[float, float, float, float]:
     """Bound D of book i left of book j from below by a constant and a plane."""
     book, body = problem.book, work.body
@@ -83,7 +83,7 @@ def _bound_separation(
 
 
 @compiled
-def _bound_half_width(problem: Problem, work: NodeWorkspace, k: int) -> tuple[float, float]:
+def _bound_half_width(problem: SceneArrays, work: NodeWorkspace, k: int) -> tuple[float, float]:
     """Bound the half width of book k from below by its secant, as it is concave in the tilt."""
     box = work.body[k]
     if work.role[k, STATE] < 0:
@@ -120,7 +120,7 @@ def _append_row(
 
 
 @compiled
-def _append_crease_rows(problem: Problem, work: NodeWorkspace, i: int, j: int) -> None:
+def _append_crease_rows(problem: SceneArrays, work: NodeWorkspace, i: int, j: int) -> None:
     """Append the planes on both sides of a crease of D, for two leaning books."""
     book, body = problem.book, work.body
     if work.role[i, COLUMN] < 0 or work.role[j, COLUMN] < 0:
@@ -139,7 +139,7 @@ def _append_crease_rows(problem: Problem, work: NodeWorkspace, i: int, j: int) -
 
 
 @compiled
-def write_rows(problem: Problem, work: NodeWorkspace, slot: int, mask: IntArray) -> None:
+def write_rows(problem: SceneArrays, work: NodeWorkspace, slot: int, mask: IntArray) -> None:
     """Write all rows of a prepared node except for those that others imply."""
     n, body = problem.stored, work.body
     inserted_reach = body[n, REACH_HIGH]  # half width of the inserted book
@@ -187,7 +187,7 @@ def write_rows(problem: Problem, work: NodeWorkspace, slot: int, mask: IntArray)
 
 
 @compiled
-def _write_walls(problem: Problem, work: NodeWorkspace, slot: int, mask: IntArray) -> None:
+def _write_walls(problem: SceneArrays, work: NodeWorkspace, slot: int, mask: IntArray) -> None:
     n, body, left, right = problem.stored, work.body, problem.left, problem.right
     inserted_reach, last = body[n, REACH_HIGH], problem.stored - 1
     _append_row(work, ALONE, n, n, 0.0, 0.0, 0.0, 0.0, 2 * inserted_reach, left - right)
@@ -227,7 +227,7 @@ def _write_walls(problem: Problem, work: NodeWorkspace, slot: int, mask: IntArra
 
 
 @compiled
-def _write_contacts(problem: Problem, work: NodeWorkspace) -> None:
+def _write_contacts(problem: SceneArrays, work: NodeWorkspace) -> None:
     """Write the contact rows of leaning books with neighbour or wall, eqs. (8.9), (8.10)."""
     n, book, body, role = problem.stored, problem.book, work.body, work.role
     for k in range(n):

@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.exact.branching import estimate_gains, select_branch
 from climbplan.bookshelf.exact.compiling import compiled
-from climbplan.bookshelf.exact.problem import LEAN_FROM, LEAN_LEFT, LEAN_RIGHT, X0, Problem
+from climbplan.bookshelf.exact.problem import LEAN_FROM, LEAN_LEFT, LEAN_RIGHT, X0, SceneArrays
 from climbplan.bookshelf.exact.qp import SOLVED
 from climbplan.bookshelf.exact.relaxation import (
     evaluate_turn_cost,
@@ -38,7 +38,7 @@ from climbplan.bookshelf.exact.tree import (
     SPAN,
     TRIED,
     UNUSED,
-    Tree,
+    PlacementTree,
     copy_node,
     pop,
     push,
@@ -54,7 +54,9 @@ _LYING = 1e-6  # [rad] tilts this near to the horizontal become horizontal
 
 
 @compiled
-def _compute_cutoff(problem: Problem, tree: Tree, absolute: float, relative: float) -> float:
+def _compute_cutoff(
+    problem: SceneArrays, tree: PlacementTree, absolute: float, relative: float
+) -> float:
     """Compute the cutoff: nodes with a larger bound are fathomed."""
     cost = tree.best[COST]
     if cost < np.inf:
@@ -63,7 +65,7 @@ def _compute_cutoff(problem: Problem, tree: Tree, absolute: float, relative: flo
 
 
 @compiled
-def _record_if_new(tree: Tree, slot: int, mask: IntArray) -> bool:
+def _record_if_new(tree: PlacementTree, slot: int, mask: IntArray) -> bool:
     """Record an assignment of states; returns whether it is new."""
     key = slot + 1
     for k in range(len(mask)):
@@ -83,9 +85,9 @@ def _record_if_new(tree: Tree, slot: int, mask: IntArray) -> bool:
 
 @compiled
 def _improve_placement(
-    problem: Problem,
+    problem: SceneArrays,
     work: NodeWorkspace,
-    tree: Tree,
+    tree: PlacementTree,
     slot: int,
     mask: IntArray,
     tilt: Array,
@@ -142,9 +144,9 @@ def _improve_placement(
 
 @compiled
 def _evaluate_node(
-    problem: Problem,
+    problem: SceneArrays,
     work: NodeWorkspace,
-    tree: Tree,
+    tree: PlacementTree,
     node: int,
     absolute: float,
     relative: float,
@@ -183,7 +185,12 @@ def _evaluate_node(
 
 @compiled
 def expand_nodes(
-    problem: Problem, work: NodeWorkspace, tree: Tree, absolute: float, relative: float, steps: int
+    problem: SceneArrays,
+    work: NodeWorkspace,
+    tree: PlacementTree,
+    absolute: float,
+    relative: float,
+    steps: int,
 ) -> int:
     """Split up to `steps` nodes; returns FINISHED, PAUSED (nodes are open) or FULL (no memory)."""
     n, counters = problem.stored, tree.counters

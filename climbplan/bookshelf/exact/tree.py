@@ -20,17 +20,17 @@ from climbplan.bookshelf.exact.problem import (
     LEAN_FROM,
     UPRIGHT,
     WIDTH,
-    Problem,
+    SceneArrays,
 )
 
-# Columns of `Tree.integers` and `Tree.reals`; the masks and the tilt intervals follow
+# Columns of `PlacementTree.integers` and `.reals`; the masks and the tilt intervals follow
 SLOT, BRANCH, DEPTH, MASK = 0, 1, 2, 3
 BOUND, SPAN = 0, 1
-# Columns of `Tree.pool`
+# Columns of `PlacementTree.pool`
 HEAP, FREE = 0, 1
-# Entries of `Tree.counters`
+# Entries of `PlacementTree.counters`
 OPEN, UNUSED, NODES, PLACEMENTS, BEST_SLOT = range(5)
-# Entries of `Tree.best`; centres and tilts (n each) follow
+# Entries of `PlacementTree.best`; centres and tilts (n each) follow
 COST, CLOSED, PLACE = 0, 1, 2
 
 ROOT = -2  # branch of a node that was not relaxed yet
@@ -38,7 +38,7 @@ TRIED = 1 << 14  # assignments remembered
 _DEEPER = 1e-6  # [mm^2] a level: among equal bounds the deeper node is opened first
 
 
-class Tree(NamedTuple):
+class PlacementTree(NamedTuple):
     """Open nodes and the incumbent."""
 
     integers: IntArray  # (capacity, 3 + n + 1) by node
@@ -50,9 +50,9 @@ class Tree(NamedTuple):
     best_mask: IntArray  # (n + 1,)
 
 
-def create_tree(n: int, capacity: int) -> Tree:
+def create_tree(n: int, capacity: int) -> PlacementTree:
     """Create an empty tree for scenes of n stored books; `grow_tree` enlarges it."""
-    return Tree(
+    return PlacementTree(
         integers=np.zeros((capacity, MASK + n + 1), np.int64),
         reals=np.zeros((capacity, SPAN + 2 * n)),
         pool=np.zeros((capacity, 2), np.int64),
@@ -63,7 +63,7 @@ def create_tree(n: int, capacity: int) -> Tree:
     )
 
 
-def grow_tree(tree: Tree) -> Tree:
+def grow_tree(tree: PlacementTree) -> PlacementTree:
     """Return the same tree with twice the capacity."""
     old, unused = len(tree.pool), int(tree.counters[UNUSED])
     integers, reals, pool = (
@@ -75,7 +75,7 @@ def grow_tree(tree: Tree) -> Tree:
     return tree._replace(integers=integers, reals=reals, pool=pool)
 
 
-def insert_roots(problem: Problem, tree: Tree) -> None:
+def insert_roots(problem: SceneArrays, tree: PlacementTree) -> None:
     """Empty the tree and insert the roots: slots and states of the inserted book."""
     n, capacity = problem.stored, len(tree.pool)
     tree.counters[:] = 0
@@ -90,7 +90,7 @@ def insert_roots(problem: Problem, tree: Tree) -> None:
             _push_roots(problem, tree, mask, 0)
 
 
-def insert_side_by_side_roots(problem: Problem, tree: Tree) -> None:
+def insert_side_by_side_roots(problem: SceneArrays, tree: PlacementTree) -> None:
     """Insert nodes that place all books side by side in their narrowest states.
 
     They are feasible in nearly all feasible scenes. The tree covers them already; as duplicates
@@ -103,7 +103,7 @@ def insert_side_by_side_roots(problem: Problem, tree: Tree) -> None:
     _push_roots(problem, tree, 1 << np.where(upright <= flat, UPRIGHT, FLAT), 1 << 30)
 
 
-def _push_roots(problem: Problem, tree: Tree, mask: IntArray, depth: int) -> None:
+def _push_roots(problem: SceneArrays, tree: PlacementTree, mask: IntArray, depth: int) -> None:
     """Push one node for each slot with these states."""
     n = problem.stored
     for slot in range(n + 1):
@@ -117,7 +117,7 @@ def _push_roots(problem: Problem, tree: Tree, mask: IntArray, depth: int) -> Non
         push(tree, node)
 
 
-def compute_lower_bound(tree: Tree) -> float:
+def compute_lower_bound(tree: PlacementTree) -> float:
     """Compute the lower bound of the tree: no placement costs less [mm^2]."""
     open_nodes = tree.pool[: tree.counters[OPEN], HEAP]
     bounds = tree.reals[open_nodes, BOUND]
@@ -125,12 +125,12 @@ def compute_lower_bound(tree: Tree) -> float:
 
 
 @compiled
-def _compute_priority(tree: Tree, node: int) -> float:
+def _compute_priority(tree: PlacementTree, node: int) -> float:
     return tree.reals[node, BOUND] - _DEEPER * tree.integers[node, DEPTH]
 
 
 @compiled
-def push(tree: Tree, node: int) -> None:
+def push(tree: PlacementTree, node: int) -> None:
     """Put a node on the heap."""
     pool, place, key = tree.pool, tree.counters[OPEN], _compute_priority(tree, node)
     tree.counters[OPEN] += 1
@@ -144,7 +144,7 @@ def push(tree: Tree, node: int) -> None:
 
 
 @compiled
-def pop(tree: Tree) -> int:
+def pop(tree: PlacementTree) -> int:
     pool = tree.pool
     first = pool[0, HEAP]
     tree.counters[OPEN] -= 1
@@ -168,7 +168,7 @@ def pop(tree: Tree) -> int:
 
 
 @compiled
-def copy_node(tree: Tree, node: int) -> int:
+def copy_node(tree: PlacementTree, node: int) -> int:
     """Copy a node into a new one that is one level deeper."""
     tree.counters[UNUSED] -= 1
     child = tree.pool[tree.counters[UNUSED], FREE]
@@ -181,6 +181,6 @@ def copy_node(tree: Tree, node: int) -> int:
 
 
 @compiled
-def release_node(tree: Tree, node: int) -> None:
+def release_node(tree: PlacementTree, node: int) -> None:
     tree.pool[tree.counters[UNUSED], FREE] = node
     tree.counters[UNUSED] += 1

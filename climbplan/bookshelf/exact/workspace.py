@@ -19,7 +19,7 @@ from climbplan.bookshelf.exact.problem import (
     LEAN_LEFT,
     LEAN_RIGHT,
     WIDTH,
-    Problem,
+    SceneArrays,
     select_side,
 )
 from climbplan.bookshelf.exact.problem import REACH_HIGH as STATE_REACH_HIGH
@@ -72,7 +72,7 @@ def create_workspace(n: int) -> NodeWorkspace:
 
 
 @compiled
-def prepare_node(problem: Problem, work: NodeWorkspace, mask: IntArray, span: Array) -> int:
+def prepare_node(problem: SceneArrays, work: NodeWorkspace, mask: IntArray, span: Array) -> int:
     """Prepare boxes, sides, half widths and columns of a node; returns the number of variables."""
     n, book, body, role = problem.stored, problem.book, work.body, work.role
     columns = n

@@ -15,11 +15,11 @@ from climbplan.bookshelf.methods.shelf_context import build_context, require_con
 from climbplan.bookshelf.plan.dataset_frame import read_shelf_dataset
 from climbplan.bookshelf.plan.file import read_shelf_plan
 from climbplan.bookshelf.plan.shelf_plan import ShelfPlan
-from climbplan.bookshelf.scene.shelf_scene import Shelf, State
+from climbplan.bookshelf.scene.shelf_scene import BookState, Shelf
 from climbplan.bookshelf.schema.model import Meaning, ShelfLibrarySpec
 from climbplan.bookshelf.statement.points import build_point, build_theta, compute_features
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.learning.library import Frame, Library
+from climbplan.learning.library import Library, ProgramSignature
 from climbplan.program import Program
 from climbplan.store import dataset_file
 from climbplan.store.plan_format import read_plan_format
@@ -135,7 +135,7 @@ def build_library(
             cost.append(priced.cost)
             scene.append(k)
     library = Library.of(
-        Frame.of(program),
+        ProgramSignature.of(program),
         np.array(rows),
         np.array(points),
         np.array(cost),
@@ -153,13 +153,13 @@ def read_solved_scenes(path: Path) -> ShelfPlan:
     """
     plan = _read_plan(path)
     solutions, n = plan.solutions, plan.scenes.count
-    is_wrong = ((solutions.state < 0) | (solutions.state >= len(State))).any(axis=1)
+    is_wrong = ((solutions.state < 0) | (solutions.state >= len(BookState))).any(axis=1)
     is_wrong = (is_wrong | (solutions.slot < 0) | (solutions.slot > n)) & solutions.placed
     if is_wrong.any():
         k = int(np.argmax(is_wrong))
         raise PlanFileError(
             f"{path}: scene {k}: states {solutions.state[k].tolist()} and slot {solutions.slot[k]} "
-            f"of its placement, expected 0 to {len(State) - 1} and 0 to {n}"
+            f"of its placement, expected 0 to {len(BookState) - 1} and 0 to {n}"
         )
     return plan
 

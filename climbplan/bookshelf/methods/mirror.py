@@ -7,15 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.bookshelf.plan.answer import Placement
-from climbplan.bookshelf.scene.shelf_scene import Scene, State
+from climbplan.bookshelf.scene.shelf_scene import BookState, ShelfScene
 
 _FLIP = np.array([-1.0, 1.0, -1.0])  # x, y, angle
 _ACROSS = np.array([1.0, 0.0, 0.0])
-_SWAPPED = np.zeros(len(State), np.int64)
+_SWAPPED = np.zeros(len(BookState), np.int64)
 for _state, _mirror_image in (
-    (State.FLAT_LEFT, State.FLAT_RIGHT),
-    (State.LEAN_LEFT, State.LEAN_RIGHT),
-    (State.UPRIGHT, State.UPRIGHT),
+    (BookState.FLAT_LEFT, BookState.FLAT_RIGHT),
+    (BookState.LEAN_LEFT, BookState.LEAN_RIGHT),
+    (BookState.UPRIGHT, BookState.UPRIGHT),
 ):
     _SWAPPED[_state], _SWAPPED[_mirror_image] = _mirror_image, _state
 
@@ -24,7 +24,7 @@ for _state, _mirror_image in (
 class SolvedScene:
     """A scene and a placement for it."""
 
-    scene: Scene
+    scene: ShelfScene
     placement: Placement
 
 
@@ -38,7 +38,7 @@ def mirror_scene(solved: SolvedScene, middle: float = 0.0) -> SolvedScene:
     back = np.arange(n)[::-1]
     books, shift = np.append(back, n), 2 * middle * _ACROSS
     return SolvedScene(
-        Scene(scene.pose[back] * _FLIP + shift, scene.size[back], scene.inserted),
+        ShelfScene(scene.pose[back] * _FLIP + shift, scene.size[back], scene.inserted),
         Placement(
             placement.pose[books] * _FLIP + shift,
             _SWAPPED[placement.state[books]],

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from climbplan.arrays import Array
 from climbplan.bookshelf.plan.answer import Placement, SceneAnswer, Status
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, compute_movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, ShelfScene, compute_movement_cost
 from climbplan.bookshelf.schema.model import Meaning
 from climbplan.bookshelf.statement.points import build_theta, extract_placement
 from climbplan.bookshelf.statement.shelf_problem import check_solver_placement
@@ -19,7 +19,7 @@ from climbplan.program.instance import Instance
 
 
 @dataclass(frozen=True)
-class Evaluation:
+class PlacementEvaluation:
     """A placement that passes the exact check, or the reason why there is none."""
 
     placement: Placement | None
@@ -35,32 +35,34 @@ class PlacementEvaluator:
         self.count, self.shelf = count, shelf
         self.meaning: Meaning = meaning
 
-    def instance(self, scene: Scene) -> Instance:
+    def instance(self, scene: ShelfScene) -> Instance:
         """Return the program with the parameters of a scene."""
         return self.program.instantiate(build_theta(scene))
 
-    def evaluate_point(self, scene: Scene, x: Array) -> Evaluation:
+    def evaluate_point(self, scene: ShelfScene, x: Array) -> PlacementEvaluation:
         """Return the placement of a point (N,) if it passes the exact check."""
         return self.evaluate_placement(scene, extract_placement(self.program, scene, x))
 
-    def evaluate_placement(self, scene: Scene, placement: Placement) -> Evaluation:
+    def evaluate_placement(self, scene: ShelfScene, placement: Placement) -> PlacementEvaluation:
         """Return the placement with its cost if it passes the exact check."""
         placement, check = check_solver_placement(scene, placement, self.shelf, self.meaning)
         if not check.passed[0]:
-            return Evaluation(None, math.inf, check.explain(0).replace("\n", "; "))
+            return PlacementEvaluation(None, math.inf, check.explain(0).replace("\n", "; "))
         cost = compute_movement_cost(Scenes.of([scene]), placement.pose[None])
-        return Evaluation(placement, float(cost[0]))
+        return PlacementEvaluation(placement, float(cost[0]))
 
-    def build_answer(self, scene: Scene, method_result: MethodResult, begin: float) -> SceneAnswer:
+    def build_answer(
+        self, scene: ShelfScene, method_result: MethodResult, begin: float
+    ) -> SceneAnswer:
         """Build the checked answer of a method; begin: `time.perf_counter` seconds."""
         result = method_result.result
-        evaluation = Evaluation(None, math.inf, _explain_failure(method_result))
+        evaluation = PlacementEvaluation(None, math.inf, _explain_failure(method_result))
         if result.x is not None:
             evaluation = self.evaluate_point(scene, result.x)
         if evaluation.placement is not None and method_result.fates:
             num_feasible = sum(tried.passed for tried in method_result.fates)
             message = f"{method_result.winner} of {method_result.tried} won, {num_feasible} held"
-            evaluation = Evaluation(evaluation.placement, evaluation.objective, message)
+            evaluation = PlacementEvaluation(evaluation.placement, evaluation.objective, message)
         return SceneAnswer(
             status=_select_status(method_result, evaluation),
             placement=evaluation.placement,
@@ -73,7 +75,7 @@ class PlacementEvaluator:
         )
 
 
-def _select_status(method_result: MethodResult, evaluation: Evaluation) -> Status:
+def _select_status(method_result: MethodResult, evaluation: PlacementEvaluation) -> Status:
     if evaluation.placement is not None:
         return "optimal" if method_result.result.status == "optimal" else "feasible"
     return "infeasible" if method_result.result.status == "infeasible" else "limit"

@@ -14,7 +14,7 @@ from climbplan.bookshelf.methods.placement_evaluator import PlacementEvaluator
 from climbplan.bookshelf.methods.scene_method import SceneMethod
 from climbplan.bookshelf.methods.setting import MethodSetting, select_convex_solver
 from climbplan.bookshelf.plan.answer import SceneAnswer
-from climbplan.bookshelf.scene.shelf_scene import Scene
+from climbplan.bookshelf.scene.shelf_scene import ShelfScene
 from climbplan.bookshelf.statement.points import build_theta, compute_features
 from climbplan.bookshelf.statement.shelf_problem import build_shelf_problem
 from climbplan.learning.library import Library
@@ -91,12 +91,12 @@ class TableMethod:
     settings: MethodSettings
     cache: SharedCache = field(default_factory=SharedCache)
 
-    def solve(self, scene: Scene) -> SceneAnswer:
+    def solve(self, scene: ShelfScene) -> SceneAnswer:
         """Solve a scene; a placement that fails the exact check is dropped."""
         begin = time.perf_counter()
         return self.evaluator.build_answer(scene, self.find_candidates(scene), begin)
 
-    def find_candidates(self, scene: Scene) -> MethodResult:
+    def find_candidates(self, scene: ShelfScene) -> MethodResult:
         """Return the method's own result, with the outcome of each candidate."""
         return solve_instance(
             self.problem, build_theta(scene), self.method, self.settings, self.cache
@@ -114,7 +114,7 @@ class WithFallback:
     exact: ExactSolver
     evaluator: PlacementEvaluator
 
-    def solve(self, scene: Scene) -> SceneAnswer:
+    def solve(self, scene: ShelfScene) -> SceneAnswer:
         """Return the first method's placement, or the answer of `exact`."""
         answer = self.first.solve(scene)
         if answer.placement is not None:

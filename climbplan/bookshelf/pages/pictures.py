@@ -22,15 +22,15 @@ from matplotlib.patheffects import Normal, Stroke
 from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.plan.answer import Placement, SceneAnswer
 from climbplan.bookshelf.scene.rectangles import compute_corners
-from climbplan.bookshelf.scene.shelf_scene import Scene, Shelf, State, state_label
+from climbplan.bookshelf.scene.shelf_scene import BookState, Shelf, ShelfScene, state_label
 
 # Distinguishable with any common colour blindness (after Okabe and Ito): both leans, both flats.
 COLORS = {
-    State.FLAT_LEFT: "#56B4E9",
-    State.LEAN_LEFT: "#E69F00",
-    State.UPRIGHT: "#009E73",
-    State.LEAN_RIGHT: "#D55E00",
-    State.FLAT_RIGHT: "#0072B2",
+    BookState.FLAT_LEFT: "#56B4E9",
+    BookState.LEAN_LEFT: "#E69F00",
+    BookState.UPRIGHT: "#009E73",
+    BookState.LEAN_RIGHT: "#D55E00",
+    BookState.FLAT_RIGHT: "#0072B2",
 }
 INSERTED = "#4A5A6B"
 _INK, _MUTED, _WOOD, _FAILURE = "#1F2933", "#697586", "#B0906A", "#C0392B"
@@ -46,13 +46,13 @@ _DPI = 150
 class ScenePicture:
     """One scene with its placement and caption."""
 
-    scene: Scene
+    scene: ShelfScene
     placement: Placement | None
     caption: str = ""  # below the picture: cost, bound, or what is missing
     title: str = ""
 
 
-def build_picture(scene: Scene, answer: SceneAnswer, title: str = "") -> ScenePicture:
+def build_picture(scene: ShelfScene, answer: SceneAnswer, title: str = "") -> ScenePicture:
     """Build the picture of a scene from the solver's answer, with cost and bound as caption."""
     if answer.placement is None:
         text = str(answer.shortage) if answer.shortage else "no placement found in time"
@@ -66,11 +66,11 @@ def build_picture(scene: Scene, answer: SceneAnswer, title: str = "") -> ScenePi
 def infer_states(angle: Array) -> IntArray:
     """Infer the states (...,) of stored books from their angles alone."""
     c, s = np.cos(angle), np.sin(angle)
-    state = np.where(s > 0, int(State.LEAN_LEFT), int(State.LEAN_RIGHT))
-    state = np.where(np.abs(s) <= _UPRIGHT_TILT, int(State.UPRIGHT), state)
+    state = np.where(s > 0, int(BookState.LEAN_LEFT), int(BookState.LEAN_RIGHT))
+    state = np.where(np.abs(s) <= _UPRIGHT_TILT, int(BookState.UPRIGHT), state)
     flat = np.abs(c) <= _UPRIGHT_TILT
-    state = np.where(flat & (s > 0), int(State.FLAT_LEFT), state)
-    return np.where(flat & (s < 0), int(State.FLAT_RIGHT), state).astype(np.int64)
+    state = np.where(flat & (s > 0), int(BookState.FLAT_LEFT), state)
+    return np.where(flat & (s < 0), int(BookState.FLAT_RIGHT), state).astype(np.int64)
 
 
 def draw_scene(item: ScenePicture, shelf: Shelf) -> Figure:
@@ -137,7 +137,7 @@ def draw_gallery(
     return figure
 
 
-def draw_before(ax: Axes, scene: Scene, shelf: Shelf) -> None:
+def draw_before(ax: Axes, scene: ShelfScene, shelf: Shelf) -> None:
     """Draw the shelf with the stored books, without the book to insert."""
     _draw_shelf(ax, shelf)
     states = infer_states(scene.pose[:, 2])
@@ -174,7 +174,7 @@ def draw_after(ax: Axes, item: ScenePicture, shelf: Shelf) -> None:
     _set_view(ax, shelf, float(max(before[..., 1].max(), after[..., 1].max())))
 
 
-def is_moved(scene: Scene, placement: Placement, k: int) -> bool:
+def is_moved(scene: ShelfScene, placement: Placement, k: int) -> bool:
     """Return whether a stored book's centre moves by more than 1 mm."""
     step = placement.pose[k, :2] - scene.pose[k, :2]
     return bool(np.hypot(*step) > MOVED)

@@ -10,7 +10,7 @@ from climbplan.arrays import Array
 from climbplan.bookshelf.plan.file import read_shelf_plan
 from climbplan.bookshelf.plan.shelf_plan import ShelfPlan
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Boxes, Scene, Shape, build_block
+from climbplan.reports.viewer.scene import Boxes, StaticMesh, ViewerScene, build_block
 
 _DEPTH = 0.08  # [m] of books and shelf as they are drawn: the model is flat
 _PULLED = 0.14  # [m] before the shelf where the inserted book waits
@@ -18,7 +18,7 @@ _WALL = 0.004  # [m] thickness as drawn
 _STEPS = np.array([0.0, 0.5, 1.3, 2.0, 2.6])  # [s] books rest, make room, the book goes in, rest
 
 
-def read_scene(path: FilePath) -> Scene:
+def read_scene(path: FilePath) -> ViewerScene:
     """Read the scenes of a bookshelf plan file; the model has no time, so the view sets the pace.
 
     Raises:
@@ -44,7 +44,7 @@ def read_scene(path: FilePath) -> Scene:
     count = scenes * len(_STEPS)
     shelf = plan.shelf
     reach = np.array([shelf.right, _DEPTH / 2, shelf.height])
-    return Scene(
+    return ViewerScene(
         title=plan.name,
         facts=(f"{scenes} scene{'s' if scenes > 1 else ''}, {plan.method}", plan.totals.status),
         time=(np.arange(scenes)[:, None] * _STEPS[-1] + _STEPS).ravel(),
@@ -83,7 +83,7 @@ def _list_captions(plan: ShelfPlan) -> list[str]:
     return texts
 
 
-def _build_shelf_shapes(plan: ShelfPlan) -> tuple[Shape, ...]:
+def _build_shelf_shapes(plan: ShelfPlan) -> tuple[StaticMesh, ...]:
     shelf, half = plan.shelf, _DEPTH / 2
     left, right, top = shelf.left, shelf.right, shelf.height
     walls = {

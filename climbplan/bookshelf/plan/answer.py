@@ -16,7 +16,7 @@ class Placement:
     """Poses and states of all books after the insertion, the inserted one last."""
 
     pose: Array  # (n + 1, 3) x [m], y [m], angle [rad]
-    state: IntArray  # (n + 1,) of `State`
+    state: IntArray  # (n + 1,) of `BookState`
     slot: int  # stored books left of the inserted one
 
 

@@ -11,7 +11,7 @@ import h5py
 from climbplan.bookshelf.plan.shelf_plan import STATUSES, ShelfPlan, Solutions, Totals
 from climbplan.bookshelf.scene.shelf_scene import PublishedTolerances, Scenes, Shelf
 from climbplan.errors import PlanFileError, UsageError
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets
 from climbplan.store.root_attributes import read_header, require_finite, require_plan, write_header
@@ -20,20 +20,23 @@ FORMAT = "climbplan/bookshelf"
 FORMAT_VERSION = 1
 
 # S scenes, B = n + 1 books, P = 5 n + 2
-THETA = Layout(("S", "P"), "m, rad", "shelf")
+THETA = DatasetLayout(("S", "P"), "m, rad", "shelf")
 SOLUTION = {
-    "pose": Layout(("S", "B", 3), "m, rad", "shelf", may_be_nan=True),
-    "state": Layout(("S", "B"), kind="int"),
-    "slot": Layout(("S",), kind="int"),
-    "objective": Layout(("S",), "mm^2", may_be_infinite=True),
-    "bound": Layout(("S",), "mm^2", may_be_infinite=True),
-    "time": Layout(("S",), "s"),
-    "candidates_tried": Layout(("S",), kind="int"),
-    "nodes": Layout(("S",), kind="int"),
-    "overlap": Layout(("S",), "m", may_be_nan=True),
+    "pose": DatasetLayout(("S", "B", 3), "m, rad", "shelf", may_be_nan=True),
+    "state": DatasetLayout(("S", "B"), kind="int"),
+    "slot": DatasetLayout(("S",), kind="int"),
+    "objective": DatasetLayout(("S",), "mm^2", may_be_infinite=True),
+    "bound": DatasetLayout(("S",), "mm^2", may_be_infinite=True),
+    "time": DatasetLayout(("S",), "s"),
+    "candidates_tried": DatasetLayout(("S",), kind="int"),
+    "nodes": DatasetLayout(("S",), kind="int"),
+    "overlap": DatasetLayout(("S",), "m", may_be_nan=True),
 }
-SOLUTION_TEXTS = {"status": Layout(("S",), kind="text"), "message": Layout(("S",), kind="text")}
-_TEXTS = Layout(("*",), kind="text")
+SOLUTION_TEXTS = {
+    "status": DatasetLayout(("S",), kind="text"),
+    "message": DatasetLayout(("S",), kind="text"),
+}
+_TEXTS = DatasetLayout(("*",), kind="text")
 _MEANINGS = ("contact", "published")
 
 _NOTES = {

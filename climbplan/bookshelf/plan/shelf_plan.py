@@ -23,7 +23,7 @@ class Solutions:
     """Solutions of S scenes with n stored books; without a placement poses are NaN, states -1."""
 
     pose: Array  # (S, n + 1, 3) x [m], y [m], angle [rad], the inserted book last
-    state: IntArray  # (S, n + 1) of `State`
+    state: IntArray  # (S, n + 1) of `BookState`
     slot: IntArray  # (S,) stored books left of the inserted one
     status: tuple[str, ...]  # (S,) of STATUSES
     objective: Array  # (S,) [mm^2] infinite without a placement

@@ -15,7 +15,7 @@ from climbplan.bookshelf.plan.shelf_plan import Solutions
 from climbplan.bookshelf.planner.runs import check_answers, compile_solver
 from climbplan.bookshelf.scene.generator import DropRules, build_drop_shelf, draw_scene
 from climbplan.bookshelf.scene.scene_source import build_shelf
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes
+from climbplan.bookshelf.scene.shelf_scene import Scenes, ShelfScene
 from climbplan.bookshelf.schema.dataset import BookshelfProblemSpec
 from climbplan.store.dataset import DatasetFrame
 from climbplan.store.dataset_row import RowAnswer
@@ -43,16 +43,16 @@ class ShelfRows:
         """Books, shelf and meaning."""
         return self._frame
 
-    def draw(self, rng: np.random.Generator) -> Scene:
+    def draw(self, rng: np.random.Generator) -> ShelfScene:
         """A dropped scene; raises LimitReached if none comes to rest."""
         return draw_scene(rng, self._count, self._rules)
 
-    def parameters(self, scene: Scene) -> Array:
+    def parameters(self, scene: ShelfScene) -> Array:
         """`theta` in metres."""
         row: Array = Scenes.of([scene]).theta()[0]
         return row
 
-    def solve(self, scene: Scene) -> RowAnswer:
+    def solve(self, scene: ShelfScene) -> RowAnswer:
         """The checked answer of the spec's method."""
         scenes = Scenes.of([scene])
         answer = check_answers(scenes, [self._method.solve(scene)], self._setting)[0]

@@ -25,13 +25,13 @@ from climbplan.bookshelf.plan.shelf_plan import ShelfPlan, Solutions, compute_to
 from climbplan.bookshelf.plan.summary import build_summary_lines
 from climbplan.bookshelf.scene.oddities import find_oddities
 from climbplan.bookshelf.scene.scene_source import build_shelf, load_scenes
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf, compute_movement_cost
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, ShelfScene, compute_movement_cost
 from climbplan.bookshelf.schema.loading import LoadedShelf
 from climbplan.errors import Conflict, Infeasible, LimitReached, Remedy
 from climbplan.progress import Progress
 
 
-def save_scene_model(setting: MethodSetting, scene: Scene, path: Path) -> None:
+def save_scene_model(setting: MethodSetting, scene: ShelfScene, path: Path) -> None:
     """Write the program that a method solves for a scene.
 
     `micp` and `admm` write the mixed-integer program over the envelopes, as .lp, .mps or .cip.
@@ -225,7 +225,7 @@ def _solve_chunks(scenes: Scenes, setting: MethodSetting, jobs: int) -> Iterator
     )
 
 
-def _solve_chunk(scenes: list[Scene], setting: MethodSetting) -> list[SceneAnswer]:
+def _solve_chunk(scenes: list[ShelfScene], setting: MethodSetting) -> list[SceneAnswer]:
     """Solve scenes in a worker process, which caches its method."""
     method = _prepare_cached_method(setting, scenes[0].count)
     return [method.solve(scene) for scene in scenes]
@@ -237,7 +237,7 @@ def _prepare_cached_method(setting: MethodSetting, count: int) -> SceneMethod:
     return prepare_method(setting, count)
 
 
-def _require_placement(answer: SceneAnswer, scene: Scene, shelf: Shelf) -> None:
+def _require_placement(answer: SceneAnswer, scene: ShelfScene, shelf: Shelf) -> None:
     if answer.status == "infeasible":
         raise Infeasible(
             "no placement exists (proved)", [_build_conflict(answer, scene, shelf)], stage="solve"
@@ -253,7 +253,7 @@ def _build_remedy(key: str, value: float) -> Remedy:
     return Remedy(f"{key} >= {threshold:.2f}", f"shelf.{key}", threshold)
 
 
-def _build_conflict(answer: SceneAnswer, scene: Scene, shelf: Shelf) -> Conflict:
+def _build_conflict(answer: SceneAnswer, scene: ShelfScene, shelf: Shelf) -> Conflict:
     """Build the conflict of an infeasible scene with a sufficient size of the shelf."""
     shortage = answer.shortage
     if shortage is None:

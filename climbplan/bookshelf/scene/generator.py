@@ -19,7 +19,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.bookshelf.scene.rectangles import compute_half_extents
-from climbplan.bookshelf.scene.shelf_scene import PublishedTolerances, Scene, Scenes, Shelf
+from climbplan.bookshelf.scene.shelf_scene import PublishedTolerances, Scenes, Shelf, ShelfScene
 from climbplan.errors import LimitReached, MissingSolver
 
 WALL = 5.0  # [mm] half thickness
@@ -63,7 +63,7 @@ def build_drop_shelf(count: int, rules: DropRules | None = None) -> Shelf:
     return Shelf(left=-inner, right=inner, height=clear, published=published)
 
 
-def generate_scene(seed: int, index: int, count: int, rules: DropRules | None = None) -> Scene:
+def generate_scene(seed: int, index: int, count: int, rules: DropRules | None = None) -> ShelfScene:
     """Generate scene `index` of a seed with `count` stored books, reproducibly.
 
     Raises:
@@ -73,7 +73,7 @@ def generate_scene(seed: int, index: int, count: int, rules: DropRules | None = 
     return draw_scene(np.random.default_rng([seed, count, index]), count, rules)
 
 
-def draw_scene(rng: np.random.Generator, count: int, rules: DropRules | None = None) -> Scene:
+def draw_scene(rng: np.random.Generator, count: int, rules: DropRules | None = None) -> ShelfScene:
     """Draw a scene with `count` stored books: drop books until one scene meets the rules.
 
     Raises:
@@ -127,7 +127,7 @@ def _import_pymunk() -> ModuleType:
 
 def _drop_books(
     pymunk: ModuleType, rng: np.random.Generator, count: int, rules: DropRules
-) -> Scene | None:
+) -> ShelfScene | None:
     """One drop; None if it does not come to rest as wanted."""
     books = count + 1
     half = _compute_half_frame(books, rules)
@@ -167,7 +167,7 @@ def _drop_books(
         return None
     pose[:, :2] *= 1e-3
     size = 1e-3 * np.stack([height, width], axis=1)
-    return Scene(pose, size[remaining], size[removed])
+    return ShelfScene(pose, size[remaining], size[removed])
 
 
 def _create_space(

@@ -12,7 +12,7 @@ from climbplan.errors import PlanFileError
 from climbplan.schema.fields import find_closest_name
 from climbplan.store.dataset_file import FORMAT as DATASET_FORMAT
 from climbplan.store.dataset_file import read_dataset_file
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_json, write_text
 
@@ -20,7 +20,7 @@ FORMAT = "climbplan/scenes"
 FORMAT_VERSION = 1
 GROUP = "scenes"
 DATASET_KIND = "bookshelf"  # of datasets of scenes
-_THETA = Layout(("S", "P"), "m, rad", "shelf")
+_THETA = DatasetLayout(("S", "P"), "m, rad", "shelf")
 
 
 class NoSuchGroup(PlanFileError):

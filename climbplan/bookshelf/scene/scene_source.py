@@ -11,9 +11,9 @@ from climbplan.bookshelf.scene.rectangles import compute_half_extents
 from climbplan.bookshelf.scene.scene_file import NoSuchGroup, read_scenes
 from climbplan.bookshelf.scene.shelf_scene import (
     PublishedTolerances,
-    Scene,
     Scenes,
     Shelf,
+    ShelfScene,
     WrongScenes,
 )
 from climbplan.bookshelf.schema.loading import LoadedShelf
@@ -43,7 +43,7 @@ def build_shelf(spec: ShelfSpec) -> Shelf:
     )
 
 
-def build_scene(spec: ShelfSceneSpec) -> Scene:
+def build_scene(spec: ShelfSceneSpec) -> ShelfScene:
     """Build the scene of a spec; books without `y_mm` stand on the ground."""
     size = np.array([(b.height_mm, b.width_mm) for b in spec.books], float)
     angle = np.radians([b.tilt_deg for b in spec.books])
@@ -51,7 +51,7 @@ def build_scene(spec: ShelfSceneSpec) -> Scene:
     y = [g if b.y_mm is None else b.y_mm for b, g in zip(spec.books, ground, strict=True)]
     pose = np.stack([1e-3 * np.array([b.x_mm for b in spec.books]), 1e-3 * np.array(y), angle], 1)
     inserted = np.array([spec.insert.height_mm, spec.insert.width_mm])
-    return Scene(pose, 1e-3 * size, 1e-3 * inserted)
+    return ShelfScene(pose, 1e-3 * size, 1e-3 * inserted)
 
 
 def build_inline_scenes(spec: ShelfSceneSpec) -> Scenes:

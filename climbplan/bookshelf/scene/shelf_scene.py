@@ -26,7 +26,7 @@ _SMALLEST = 1e-6  # [m] a thinner book is one as well
 _COLUMNS = ("x", "y", "angle", "height", "width")
 
 
-class State(IntEnum):
+class BookState(IntEnum):
     """How a book stands or lies, numbered as in plan files."""
 
     FLAT_LEFT = 0
@@ -42,11 +42,11 @@ class State(IntEnum):
 
 
 _LABELS = {
-    State.FLAT_LEFT: "flat left",
-    State.LEAN_LEFT: "leaning left",
-    State.UPRIGHT: "upright",
-    State.LEAN_RIGHT: "leaning right",
-    State.FLAT_RIGHT: "flat right",
+    BookState.FLAT_LEFT: "flat left",
+    BookState.LEAN_LEFT: "leaning left",
+    BookState.UPRIGHT: "upright",
+    BookState.LEAN_RIGHT: "leaning right",
+    BookState.FLAT_RIGHT: "flat right",
 }
 
 
@@ -111,7 +111,7 @@ class Shelf:
 
 
 @dataclass(frozen=True)
-class Scene:
+class ShelfScene:
     """Stored books from left to right, and the book to insert."""
 
     pose: Array  # (n, 3) x [m], y [m], angle [rad] of the stored books before the insertion
@@ -146,7 +146,7 @@ class Scenes:
     inserted: Array  # (S, 2)
 
     @classmethod
-    def of(cls, scenes: Sequence[Scene]) -> Self:
+    def of(cls, scenes: Sequence[ShelfScene]) -> Self:
         """Scenes that all store the same number of books."""
         return cls(
             np.stack([s.pose for s in scenes]),
@@ -228,10 +228,10 @@ class Scenes:
     def __len__(self) -> int:
         return len(self.pose)
 
-    def __getitem__(self, index: int) -> Scene:
-        return Scene(self.pose[index], self.size[index], self.inserted[index])
+    def __getitem__(self, index: int) -> ShelfScene:
+        return ShelfScene(self.pose[index], self.size[index], self.inserted[index])
 
-    def __iter__(self) -> Iterator[Scene]:
+    def __iter__(self) -> Iterator[ShelfScene]:
         return (self[k] for k in range(len(self)))
 
 

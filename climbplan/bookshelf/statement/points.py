@@ -11,22 +11,22 @@ from climbplan.arrays import Array, IntArray
 from climbplan.bookshelf.check.published import fit_corner_line
 from climbplan.bookshelf.plan.answer import Placement
 from climbplan.bookshelf.scene.rectangles import compute_corners, compute_half_extents, find_slots
-from climbplan.bookshelf.scene.shelf_scene import Scene, State
+from climbplan.bookshelf.scene.shelf_scene import BookState, ShelfScene
 from climbplan.bookshelf.statement.statement import INSERTED_STATES, list_pairs
 from climbplan.program import Program
 
 _TO_MM = np.array([1e3, 1e3, 1.0])
 
 
-def build_theta(scene: Scene) -> dict[str, Array]:
+def build_theta(scene: ShelfScene) -> dict[str, Array]:
     """Build the parameters of the program [mm, rad]."""
     return {"size": 1e3 * scene.sizes, "pose": scene.pose * _TO_MM}
 
 
-def scene_of(theta: Mapping[str, Array]) -> Scene:
+def scene_of(theta: Mapping[str, Array]) -> ShelfScene:
     """Return the scene that parameters of the program [mm, rad] describe."""
     size = np.asarray(theta["size"]) / 1e3
-    return Scene(np.asarray(theta["pose"]) / _TO_MM, size[:-1], size[-1])
+    return ShelfScene(np.asarray(theta["pose"]) / _TO_MM, size[:-1], size[-1])
 
 
 def compute_features(theta: dict[str, Array]) -> Array:
@@ -39,7 +39,7 @@ def compute_features(theta: dict[str, Array]) -> Array:
     return np.concatenate([np.hstack([theta["pose"], size[:-1]]).ravel(), size[-1]])
 
 
-def build_point(program: Program, scene: Scene, placement: Placement) -> Array:
+def build_point(program: Program, scene: ShelfScene, placement: Placement) -> Array:
     """Build the point (N,) of the program that represents a placement.
 
     Lines separate two books with the largest margin. In the published statement the line of a
@@ -49,7 +49,7 @@ def build_point(program: Program, scene: Scene, placement: Placement) -> Array:
     n, angle = scene.count, pose[:, 2]
     vertex = compute_corners(pose, size)
     normal, offset = _find_separating_lines(vertex, angle)
-    state = np.eye(len(State))[placement.state]
+    state = np.eye(len(BookState))[placement.state]
     values = {
         "center": pose[:, :2],
         "cos": np.cos(angle),
@@ -69,7 +69,7 @@ def build_point(program: Program, scene: Scene, placement: Placement) -> Array:
     return program.point(values)
 
 
-def extract_placement(program: Program, scene: Scene, x: Array) -> Placement:
+def extract_placement(program: Program, scene: ShelfScene, x: Array) -> Placement:
     """Extract the placement from a point (N,) of the program, integers rounded."""
     cos, sin = program.value("cos", x), program.value("sin", x)
     angle = np.arctan2(sin, np.maximum(cos, 0.0))
@@ -79,16 +79,20 @@ def extract_placement(program: Program, scene: Scene, x: Array) -> Placement:
     return _build_placement(scene, pose, np.append(state, int(inserted)))
 
 
-def snap_to_states(scene: Scene, placement: Placement) -> Placement:
+def snap_to_states(scene: ShelfScene, placement: Placement) -> Placement:
     """Set the angles that the states prescribe and put every book on the ground."""
     pose = placement.pose.copy()
-    for value, angle in ((State.FLAT_LEFT, 90), (State.UPRIGHT, 0), (State.FLAT_RIGHT, -90)):
+    for value, angle in (
+        (BookState.FLAT_LEFT, 90),
+        (BookState.UPRIGHT, 0),
+        (BookState.FLAT_RIGHT, -90),
+    ):
         pose[placement.state == value, 2] = math.radians(angle)
     pose[:, 1] = compute_half_extents(pose[:, 2], scene.sizes)[:, 1]
     return Placement(pose, placement.state, placement.slot)
 
 
-def build_initial_placement(scene: Scene) -> Placement:
+def build_initial_placement(scene: ShelfScene) -> Placement:
     """Build the manual start of chapter 8.1.3.2.
 
     The stored books stay in place. The inserted one is upright in the middle of the widest gap,
@@ -97,19 +101,21 @@ def build_initial_placement(scene: Scene) -> Placement:
     n = scene.count
     reach = compute_half_extents(scene.pose[:, 2], scene.size)
     tilt = np.abs(scene.pose[:, 2])
-    state = np.where(scene.pose[:, 2] > 0, State.LEAN_LEFT, State.LEAN_RIGHT)
-    flat = np.where(scene.pose[:, 2] > 0, State.FLAT_LEFT, State.FLAT_RIGHT)
-    state = np.where(tilt > math.pi / 2 - 0.02, flat, np.where(tilt < 0.02, State.UPRIGHT, state))
+    state = np.where(scene.pose[:, 2] > 0, BookState.LEAN_LEFT, BookState.LEAN_RIGHT)
+    flat = np.where(scene.pose[:, 2] > 0, BookState.FLAT_LEFT, BookState.FLAT_RIGHT)
+    state = np.where(
+        tilt > math.pi / 2 - 0.02, flat, np.where(tilt < 0.02, BookState.UPRIGHT, state)
+    )
     ends = np.stack([scene.pose[:, 0] - reach[:, 0], scene.pose[:, 0] + reach[:, 0]])
     gaps = ends[0, 1:] - ends[1, :-1]
     middle = 0.5 * (ends[0, 1:] + ends[1, :-1])
     slot = 1 + int(np.argmax(gaps)) if n > 1 else 1
     x = middle[slot - 1] if n > 1 else ends[1, 0] + scene.inserted[1] / 2
     pose = np.vstack([scene.pose, [x, scene.inserted[0] / 2, 0.0]])
-    return _build_placement(scene, pose, np.append(state, int(State.UPRIGHT)))
+    return _build_placement(scene, pose, np.append(state, int(BookState.UPRIGHT)))
 
 
-def _build_placement(scene: Scene, pose: Array, state: IntArray) -> Placement:
+def _build_placement(scene: ShelfScene, pose: Array, state: IntArray) -> Placement:
     slot = int(find_slots(pose[None], scene.sizes[None])[0])
     return Placement(pose, state.astype(np.int64), slot)
 
@@ -129,8 +135,8 @@ def _find_separating_lines(vertex: Array, angle: Array) -> tuple[Array, Array]:
 
 def _compute_feet(vertex: Array, pose: Array, state: IntArray) -> Array:
     left, right = vertex[:, 2, 0], vertex[:, 1, 0]
-    foot = np.where(state == State.LEAN_LEFT, left, pose[:, 0])
-    return np.where(state == State.LEAN_RIGHT, right, foot)
+    foot = np.where(state == BookState.LEAN_LEFT, left, pose[:, 0])
+    return np.where(state == BookState.LEAN_RIGHT, right, foot)
 
 
 def _find_nearest_points(vertex: Array, pose: Array, size: Array) -> tuple[Array, Array]:
@@ -173,7 +179,7 @@ def _place_lean_lines(vertex: Array, state: IntArray, normal: Array, offset: Arr
     """Place the lines of leaning books as the published statement requires."""
     number = {pair: k for k, pair in enumerate(list_pairs(len(vertex) - 1))}
     for k in range(len(vertex) - 2):
-        if state[k] == State.LEAN_RIGHT or state[k + 1] == State.LEAN_LEFT:
+        if state[k] == BookState.LEAN_RIGHT or state[k + 1] == BookState.LEAN_LEFT:
             line = fit_corner_line(vertex[None, k], vertex[None, k + 1])
             row = number[k, k + 1]
             normal[row], offset[row] = line.normal[0], line.offset[0]

@@ -11,7 +11,7 @@ from climbplan.arrays import Array
 from climbplan.bookshelf.check.checks import PlacementCheck
 from climbplan.bookshelf.check.meanings import check_placements
 from climbplan.bookshelf.plan.answer import Placement
-from climbplan.bookshelf.scene.shelf_scene import Scene, Scenes, Shelf
+from climbplan.bookshelf.scene.shelf_scene import Scenes, Shelf, ShelfScene
 from climbplan.bookshelf.schema.model import Meaning
 from climbplan.bookshelf.statement.points import (
     build_initial_placement,
@@ -28,7 +28,7 @@ Features = Callable[[dict[str, Array]], Array]  # of the statement's parameters 
 
 
 def check_solver_placement(
-    scene: Scene, placement: Placement, shelf: Shelf, meaning: Meaning
+    scene: ShelfScene, placement: Placement, shelf: Shelf, meaning: Meaning
 ) -> tuple[Placement, PlacementCheck]:
     """Check the placement of a solver; returns the checked placement, too.
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import casadi as ca
 import numpy as np
 
-from climbplan.bookshelf.scene.shelf_scene import Shelf, State
+from climbplan.bookshelf.scene.shelf_scene import BookState, Shelf
 from climbplan.bookshelf.schema.model import Meaning
 from climbplan.program import Program
 from climbplan.program.statement import Expression
@@ -26,7 +26,7 @@ from climbplan.program.statement import Expression
 TOP_RIGHT, BOTTOM_RIGHT, BOTTOM_LEFT, TOP_LEFT = range(4)
 ACROSS = np.array([0.5, 0.5, -0.5, -0.5])  # of each corner from the centre, in widths
 UP = np.array([0.5, -0.5, -0.5, 0.5])  # in heights
-INSERTED_STATES = (State.FLAT_LEFT, State.UPRIGHT, State.FLAT_RIGHT)
+INSERTED_STATES = (BookState.FLAT_LEFT, BookState.UPRIGHT, BookState.FLAT_RIGHT)
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Tolerances:
 
 
 @dataclass(frozen=True)
-class _Frame:
+class _ShelfRectangle:
     """The rectangle in which corners lie [mm]."""
 
     left: float
@@ -97,14 +97,14 @@ def build_bookshelf_program(n: int, shelf: Shelf, meaning: Meaning = "contact") 
     normal, offset = _add_separating_lines(p, vertex, max_offset, slack)
 
     # Each stored book has one of five states, the inserted one of three
-    stored = p.binary("state", (n, len(State)))
+    stored = p.binary("state", (n, len(BookState)))
     inserted = p.binary("inserted_state", (len(INSERTED_STATES),))
     p.exactly_one("book.one_state", stored)
     p.exactly_one("book.one_inserted_state", inserted)
-    flat_left = np.append(stored[:, State.FLAT_LEFT], inserted[[0]])
-    upright = np.append(stored[:, State.UPRIGHT], inserted[[1]])
-    flat_right = np.append(stored[:, State.FLAT_RIGHT], inserted[[2]])
-    lean_left, lean_right = stored[:, State.LEAN_LEFT], stored[:, State.LEAN_RIGHT]
+    flat_left = np.append(stored[:, BookState.FLAT_LEFT], inserted[[0]])
+    upright = np.append(stored[:, BookState.UPRIGHT], inserted[[1]])
+    flat_right = np.append(stored[:, BookState.FLAT_RIGHT], inserted[[2]])
+    lean_left, lean_right = stored[:, BookState.LEAN_LEFT], stored[:, BookState.LEAN_RIGHT]
 
     books = _Books(size, center, cos, sin, vertex, lean_left, lean_right)
 
@@ -180,13 +180,15 @@ def _add_leaning(p: Program, books: _Books, tolerance: Tolerances) -> tuple[Expr
     return foot_left, foot_right
 
 
-def _build_frame(shelf: Shelf, meaning: Meaning) -> tuple[_Frame, Tolerances]:
+def _build_frame(shelf: Shelf, meaning: Meaning) -> tuple[_ShelfRectangle, Tolerances]:
     if meaning == "contact":
-        frame = _Frame(1e3 * shelf.left, 1e3 * shelf.right, 1e3 * shelf.height)
+        frame = _ShelfRectangle(1e3 * shelf.left, 1e3 * shelf.right, 1e3 * shelf.height)
         return frame, Tolerances(0.0, 0.0)
     rules = shelf.published
     half = 1e3 * rules.half_width
-    return _Frame(-half, half, 1e3 * rules.height), Tolerances(1e3 * rules.distance, rules.sine)
+    return _ShelfRectangle(-half, half, 1e3 * rules.height), Tolerances(
+        1e3 * rules.distance, rules.sine
+    )
 
 
 def _add_stability(p: Program, shelf: Shelf, books: _Books) -> None:
@@ -248,8 +250,8 @@ def _add_order(
     """Add the order of the stored books' centres and feet."""
     n = len(center)
     foot = p.continuous("foot", (n,), *sides, unit="mm")
-    resting = stored[:, [State.FLAT_LEFT, State.UPRIGHT, State.FLAT_RIGHT]]
-    lean_left, lean_right = stored[:, State.LEAN_LEFT], stored[:, State.LEAN_RIGHT]
+    resting = stored[:, [BookState.FLAT_LEFT, BookState.UPRIGHT, BookState.FLAT_RIGHT]]
+    lean_left, lean_right = stored[:, BookState.LEAN_LEFT], stored[:, BookState.LEAN_RIGHT]
     middle = (foot - center[:, 0])[:, None] + np.zeros((1, 3))
     p.when("foot.resting", resting, middle, 0.0, 0.0, unit="mm")
     p.when("foot.lean_left", lean_left, foot - foot_left[:, 0], 0.0, 0.0, unit="mm")

@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.check.anew.feet import move_toes_to_contacts
-from climbplan.climb.check.anew.kinematics import StandingLimbs, build_limbs
+from climbplan.climb.check.anew.kinematics import HeldLimbs, build_limbs
 from climbplan.climb.check.anew.static_pose import (
     build_foot_jacobian,
     build_foot_motion,
@@ -36,7 +36,7 @@ def compute_motion_forces(
     robot: Robot,
     com: Array,
     axes: Array,
-    standing: StandingLimbs,
+    standing: HeldLimbs,
     command: Array,
     contact: BoolArray,
     load: Array,

@@ -13,10 +13,10 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.check.anew.feet import compute_contact_arm
-from climbplan.climb.check.anew.gait import Gait, reconstruct_gait
+from climbplan.climb.check.anew.gait import ClimbGait, reconstruct_gait
 from climbplan.climb.check.anew.kinematics import (
+    HeldLimbs,
     Limbs,
-    StandingLimbs,
     build_limbs,
     compute_body_axes,
     solve_standing_limbs,
@@ -33,7 +33,7 @@ class MotionState:
     """The state of T samples with N limbs, between K instants."""
 
     subject: Subject
-    gait: Gait
+    gait: ClimbGait
     lifted: BoolArray  # (T, N)
     steps_done: IntArray  # (T,) steps completed
     ground: Array  # (T, N, 3) where each limb stands, or stood
@@ -42,7 +42,7 @@ class MotionState:
     foothold_round: IntArray  # (T, N) round of that foothold
     next_round: IntArray  # (T, N) of the one that a lifted limb is on its way to; -1 for the others
     commanded: Limbs  # as the joint commands would have them in free space
-    standing: StandingLimbs  # reaching for `ground`
+    standing: HeldLimbs  # reaching for `ground`
 
     def describe_sample(self, sample: int, *parts: int) -> str:
         """Describe sample, step of the gait, limb and joint in the robot's terms."""
@@ -109,7 +109,7 @@ def _list_limbs(plan: ClimbPlan) -> IntArray:
     return np.arange(plan.robot.limb_count)
 
 
-def _find_foothold_rounds(gait: Gait, num_placed: IntArray) -> IntArray:
+def _find_foothold_rounds(gait: ClimbGait, num_placed: IntArray) -> IntArray:
     """Return the rounds (T, N) of the footholds of limbs with given numbers of placings (T, N)."""
     rounds_of_limbs = np.zeros_like(num_placed)
     for limb in range(num_placed.shape[1]):

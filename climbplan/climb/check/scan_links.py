@@ -29,18 +29,20 @@ _TOE_TOLERANCE = 2e-3  # [m] beyond the flatness, twice: the last of it, which m
 
 
 @dataclass(frozen=True)
-class Contacts:
+class PoseFootholds:
     """Footholds of N limbs in P poses: present or last one, and the next one."""
 
     places: Array  # (P, N, 2, 3) [m]; NaN in the second where a limb is not on its way
     normals: Array  # (P, N, 2, 3) unit, into free space
 
-    def select_poses(self, poses: IntArray) -> Contacts:
+    def select_poses(self, poses: IntArray) -> PoseFootholds:
         """Return the contacts of some poses."""
-        return Contacts(self.places[poses], self.normals[poses])
+        return PoseFootholds(self.places[poses], self.normals[poses])
 
 
-def build_contacts(subject: Subject, foothold_round: IntArray, next_round: IntArray) -> Contacts:
+def build_contacts(
+    subject: Subject, foothold_round: IntArray, next_round: IntArray
+) -> PoseFootholds:
     """Return contacts on footholds of rounds (P, N), and of next rounds; -1 for none."""
     rounds, surfaces = subject.plan.rounds, subject.plan.terrain.surfaces
     rows = np.stack([foothold_round, next_round], axis=-1)
@@ -52,14 +54,14 @@ def build_contacts(subject: Subject, foothold_round: IntArray, next_round: IntAr
     for index, surface in enumerate(surfaces):
         if isinstance(surface, Region):
             normals[region == index] = surface.normal
-    return Contacts(places, normals)
+    return PoseFootholds(places, normals)
 
 
 def judge_scan_links(
     name: str,
     subject: Subject,
     capsules: Sequence[Capsule],
-    contacts: Contacts,
+    contacts: PoseFootholds,
     describe_pose: Callable[[int], str],
 ) -> Check:
     """Check that links with their thickness miss the raw surface except at their toes.
@@ -93,7 +95,7 @@ def judge_scan_links(
     )
 
 
-def _find_unique_poses(capsule: Capsule, contacts: Contacts) -> tuple[IntArray, IntArray]:
+def _find_unique_poses(capsule: Capsule, contacts: PoseFootholds) -> tuple[IntArray, IntArray]:
     """Return poses (K,) that differ in a capsule or its contacts, and each pose's index (P,)."""
     limb = capsule.limb
     contact_features = np.concatenate([contacts.places[:, limb], contacts.normals[:, limb]], axis=1)
@@ -109,7 +111,7 @@ def _find_unique_poses(capsule: Capsule, contacts: Contacts) -> tuple[IntArray, 
     return np.asarray(first[order], np.int64), rank[inverse.reshape(-1)]
 
 
-def _measure_axis_clearance(capsule: Capsule, contacts: Contacts, scan: RawSurface) -> Array:
+def _measure_axis_clearance(capsule: Capsule, contacts: PoseFootholds, scan: RawSurface) -> Array:
     """Return the clearance (P,) of a capsule's axis, as if its radius were required everywhere."""
     radius = capsule.radius
     starts, ends = capsule.starts, capsule.ends
@@ -139,7 +141,7 @@ def _locate_along_link(capsule: Capsule, distance_from_toe: Array) -> Array:
     return np.asarray(capsule.ends[:, None] + fraction[:, None] * link_vector[:, None])
 
 
-def _measure_end_shortfall(capsule: Capsule, contacts: Contacts, scan: RawSurface) -> Array:
+def _measure_end_shortfall(capsule: Capsule, contacts: PoseFootholds, scan: RawSurface) -> Array:
     """Return the clearance (P,) that the end of a limb lacks, from scan and footholds."""
     radius = capsule.radius
     full_radius_distance = max((radius + scan.flatness) / SLENDER, NARROW)

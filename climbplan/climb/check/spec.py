@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.check.anew.gait import Gait, reconstruct_gait
+from climbplan.climb.check.anew.gait import ClimbGait, reconstruct_gait
 from climbplan.climb.check.anew.kinematics import compute_body_axes
 from climbplan.climb.check.anew.spec import compare_with_spec
 from climbplan.climb.check.normals import compute_normals
@@ -222,7 +222,9 @@ def _select_last_goal(spec: ClimbSpec | TransitionSpec) -> GoalSpec:
     return spec.task.goal if isinstance(spec, ClimbSpec) else spec.last_goal
 
 
-def _compare_transition(plan: ClimbPlan, spec: TransitionSpec, gait: Gait) -> Iterator[Difference]:
+def _compare_transition(
+    plan: ClimbPlan, spec: TransitionSpec, gait: ClimbGait
+) -> Iterator[Difference]:
     """Yield differences in limbs that move together, step lengths, and the gait of the climb."""
     task, rounds, names = spec.task, plan.rounds, plan.robot.limb_names
     first = gait.round <= task.rounds

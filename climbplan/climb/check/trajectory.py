@@ -168,7 +168,7 @@ def _check_clearance(motion: MotionState) -> Iterator[Check]:
     )
     trajectory = motion.subject.plan.trajectory
     angles = np.where(motion.lifted[..., None], trajectory.joint_command, motion.standing.angles)
-    steps = [_Poses(trajectory.com, compute_body_axes(trajectory.rpy), angles, points)]
+    steps = [_SampledPoses(trajectory.com, compute_body_axes(trajectory.rpy), angles, points)]
     # A toe that swings far between two samples: joints turn evenly from one to the other.
     is_swinging = (motion.lifted[1:] & motion.lifted[:-1]).any(axis=1)
     strides = np.linalg.norm(np.diff(motion.commanded.toe, axis=0), axis=-1).max(axis=1)
@@ -177,10 +177,10 @@ def _check_clearance(motion: MotionState) -> Iterator[Check]:
     for piece in range(1, pieces):
         steps.append(_interpolate_poses(motion, steps[0], coarse_samples, piece / pieces))
     rows = np.concatenate([np.arange(len(points)), *[coarse_samples] * (len(steps) - 1)])
-    poses = _Poses(
+    poses = _SampledPoses(
         *(
             np.concatenate([vars(step)[pose_field.name] for step in steps])
-            for pose_field in fields(_Poses)
+            for pose_field in fields(_SampledPoses)
         )
     )
     joint_points = poses.points
@@ -213,7 +213,7 @@ def _check_clearance(motion: MotionState) -> Iterator[Check]:
 
 
 @dataclass(frozen=True)
-class _Poses:
+class _SampledPoses:
     """Body and limbs at P moments."""
 
     com: Array  # (P, 3) [m]
@@ -223,8 +223,8 @@ class _Poses:
 
 
 def _interpolate_poses(
-    motion: MotionState, poses: _Poses, samples: IntArray, fraction: float
-) -> _Poses:
+    motion: MotionState, poses: _SampledPoses, samples: IntArray, fraction: float
+) -> _SampledPoses:
     """Return limbs a fraction of the way to the next of S samples; standing ones stay in place."""
     trajectory = motion.subject.plan.trajectory
 
@@ -235,7 +235,7 @@ def _interpolate_poses(
     angles = interpolate(trajectory.joint_command)
     limbs = build_limbs(motion.subject.plan.robot, com, axes, angles)
     is_swinging = motion.lifted[samples] & motion.lifted[samples + 1]
-    return _Poses(
+    return _SampledPoses(
         com,
         axes,
         np.where(is_swinging[..., None], angles, poses.angles[samples]),

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.climb.clearance.raw_surface import THE_SCAN, Contacts, find_nearest_raw
+from climbplan.climb.clearance.raw_surface import THE_SCAN, ToeContacts, find_nearest_raw
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene
 from climbplan.robots.capsules import Capsules, limb_capsules
@@ -125,7 +125,7 @@ def find_limb_shortfall(
             nearest = replace(nearest, solids=(solid,), toe=toe)
         short.append(nearest)
     if scene.terrain.scan is not None:
-        contacts = Contacts(
+        contacts = ToeContacts(
             np.concatenate([start[2], flat_toes])[..., None, :],
             np.concatenate([first, flat_normals])[..., None, :],
         )

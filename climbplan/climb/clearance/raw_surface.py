@@ -29,7 +29,7 @@ _NUM_PIECES = (
 
 
 @dataclass(frozen=True)
-class Contacts:
+class ToeContacts:
     """Present, or past and next, contacts of toes: C of each limb of each pose (..., C, 3)."""
 
     places: Array  # [m]; NaN for none
@@ -48,7 +48,7 @@ class NearestRaw:
 
 
 def find_nearest_raw(
-    scan: RawSurface, capsules: Capsules, contacts: Contacts, margin: float
+    scan: RawSurface, capsules: Capsules, contacts: ToeContacts, margin: float
 ) -> NearestRaw:
     """Find the largest clearance shortfall of links from the triangles of a scan.
 

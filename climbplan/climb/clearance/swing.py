@@ -18,7 +18,7 @@ from climbplan.climb.clearance.limb_pairs import SelfShortfall, compute_self_sho
 from climbplan.climb.clearance.limbs import INTERPOLATION_MARGIN, LimbShortfall, find_closest_link
 from climbplan.climb.clearance.raw_surface import (
     THE_SCAN,
-    Contacts,
+    ToeContacts,
     find_nearest_raw,
     is_path_clear,
 )
@@ -49,7 +49,7 @@ _MAX_LIFT_FRACTION = 0.5  # share of the lift that this is at most
 
 
 @dataclass(frozen=True)
-class Swing:
+class LimbSwing:
     """One limb's swing: the toe moves from old to new while the body stands still."""
 
     limb: int
@@ -95,7 +95,7 @@ class SwingCollision(Unresolved):
         super().__init__("no clear swing path", [conflict], because=SWING_REASON, stage="swing")
 
 
-def list_swings(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[Swing, ...]:
+def list_swings(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple[LimbSwing, ...]:
     """List all swings of a posture sequence in order, simultaneous ones by limb."""
     names, toes, swings = scene.robot.limb_names, rounds.toes[0], []
     for k in range(0, instants.count, 2):
@@ -107,7 +107,7 @@ def list_swings(scene: MotionScene, rounds: Rounds, instants: Instants) -> tuple
             still = ~instants.lifted[k]
             under = instants.normal[k]
             swings.append(
-                Swing(limb, *pose, toes[limb], new[limb], normals, where, toes, still, under)
+                LimbSwing(limb, *pose, toes[limb], new[limb], normals, where, toes, still, under)
             )
         toes = new
     return tuple(swings)
@@ -131,7 +131,7 @@ def plan_swing_paths(scene: MotionScene, rounds: Rounds, instants: Instants) -> 
     return tuple(paths)
 
 
-def plan_swing_path(scene: MotionScene, swing: Swing) -> Array:
+def plan_swing_path(scene: MotionScene, swing: LimbSwing) -> Array:
     """Plan way points (P, 3) from above the old contact to above the new one [m].
 
     Raises:
@@ -217,7 +217,7 @@ def plan_swing_path(scene: MotionScene, swing: Swing) -> Array:
     )
 
 
-def _build_failure(swing: Swing, where: str) -> Unresolved:
+def _build_failure(swing: LimbSwing, where: str) -> Unresolved:
     conflict = Conflict(swing.where, (f"swing path of the toe {where}",))
     return Unresolved("no clear swing path", [conflict], because=SWING_REASON, stage="swing")
 
@@ -227,12 +227,12 @@ class _StandingRobot:
     """The robot during a swing, with all limbs but one at rest."""
 
     robot: Robot
-    swing: Swing
+    swing: LimbSwing
     still: BoolArray  # (N,)
     standing: Capsules  # (1, N, C), world; NaN of limbs out of reach
 
     @classmethod
-    def from_swing(cls, robot: Robot, swing: Swing) -> _StandingRobot | None:
+    def from_swing(cls, robot: Robot, swing: LimbSwing) -> _StandingRobot | None:
         """Build it from a swing; None if the swing does not state the other limbs' toes."""
         if swing.toes is None or swing.still is None:
             return None
@@ -260,13 +260,13 @@ class _StandingRobot:
 
 
 def _find_close_link(
-    scene: MotionScene, swing: Swing, links: Capsules | None
+    scene: MotionScene, swing: LimbSwing, links: Capsules | None
 ) -> LimbShortfall | None:
     """Find the link closest to an obstacle, if it violates its clearance."""
     if links is None:
         return None
     if scene.terrain.scan is not None:
-        contacts = Contacts(np.stack([swing.old, swing.new]), swing.normals)
+        contacts = ToeContacts(np.stack([swing.old, swing.new]), swing.normals)
         raw = find_nearest_raw(scene.terrain.scan, links, contacts, INTERPOLATION_MARGIN)
         if raw.missing > 1e-9:
             return LimbShortfall(
@@ -328,7 +328,7 @@ def _compute_sole_points(sole: Sole, toes: Array, normals: Array) -> Array:
     return np.concatenate([toes, (toes[:, None] + sole.arms(unit)).reshape(-1, 3)])
 
 
-def _compute_links(robot: Robot, swing: Swing, toes: Array, normals: Array) -> Capsules | None:
+def _compute_links(robot: Robot, swing: LimbSwing, toes: Array, normals: Array) -> Capsules | None:
     """Compute the limb's links (S, 1, C) along a path, or None if a point is out of reach.
 
     normals: (S, 3) that soles turn with.

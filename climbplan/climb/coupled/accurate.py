@@ -17,12 +17,12 @@ from numpy.typing import ArrayLike
 
 from climbplan.arrays import Array
 from climbplan.climb.coupled.preparation import CoupledProblem
-from climbplan.climb.coupled.stages import TOLERANCE, Candidate, solve_nonlinear
+from climbplan.climb.coupled.stages import TOLERANCE, IntegralPoint, solve_nonlinear
 from climbplan.climb.coupled.statement import compute_envelope_range
 from climbplan.climb.coupled.tightening import find_factors, tighten_bounds
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program.instance import Instance
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.grids import uniform
 from climbplan.reformulations.mccormick import McCormick
@@ -37,7 +37,7 @@ _BOUND_MARGIN = 1e-5  # added to bounds before they are divided
 class AccurateResult:
     """The result of the mixed-integer program."""
 
-    best: Candidate | None  # of P, exact
+    best: IntegralPoint | None  # of P, exact
     bound: float  # of the mixed-integer program; of P without an envelope
     infeasible: bool  # it has no point: neither has P, without an envelope
     binaries: int
@@ -50,7 +50,9 @@ class AccurateResult:
     solver: str
 
 
-def build_accurate_program(prepared: CoupledProblem, within: Range, pieces: int) -> Instance:
+def build_accurate_program(
+    prepared: CoupledProblem, within: ElementwiseRange, pieces: int
+) -> Instance:
     """Build P with envelopes on `pieces` of each toe coordinate and choices as binaries."""
     instance = replace(
         prepared.instance, lower=within.lower - _BOUND_MARGIN, upper=within.upper + _BOUND_MARGIN
@@ -67,7 +69,7 @@ def build_accurate_program(prepared: CoupledProblem, within: Range, pieces: int)
 
 def solve_accurate(
     prepared: CoupledProblem,
-    initial: Candidate | None,
+    initial: IntegralPoint | None,
     envelope: Envelope | None,
     solver: str,
     pieces: int,
@@ -81,7 +83,7 @@ def solve_accurate(
     begin = time.perf_counter()
     instance = prepared.instance
     cost = None if initial is None else instance.objective(initial.x)
-    within = Range(instance.lower, instance.upper)
+    within = ElementwiseRange(instance.lower, instance.upper)
     if envelope is not None:
         within = compute_envelope_range(prepared.program, instance, envelope, prepared.origin)
         cost = None
@@ -122,7 +124,7 @@ def solve_accurate(
     )
 
 
-def _repair_solution(prepared: CoupledProblem, x: Array, time_limit: float) -> Candidate | None:
+def _repair_solution(prepared: CoupledProblem, x: Array, time_limit: float) -> IntegralPoint | None:
     """Repair a solution of the program to a point of P in the same regions."""
     instance = prepared.instance
     first = x[: instance.size]
@@ -131,4 +133,4 @@ def _repair_solution(prepared: CoupledProblem, x: Array, time_limit: float) -> C
     point = solve_nonlinear(pinned, first, time_limit)
     if point is None or pinned.violation(point) > TOLERANCE:
         return None
-    return Candidate(point, assignment, "MICP, IPOPT")
+    return IntegralPoint(point, assignment, "MICP, IPOPT")

@@ -15,11 +15,11 @@ from scipy import sparse
 from climbplan.arrays import IntArray
 from climbplan.climb.coupled.envelopes import NamedEnvelope
 from climbplan.climb.coupled.preparation import CoupledProblem
-from climbplan.climb.coupled.stages import Candidate
+from climbplan.climb.coupled.stages import IntegralPoint
 from climbplan.climb.coupled.statement import compute_envelope_range
 from climbplan.program.instance import Choice, Instance
 from climbplan.program.polytope import Polytope
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.solvers.registry import solve
 
@@ -30,7 +30,7 @@ _GAP = 1e-3  # of P1, whose value is no bound
 class ModePlan:
     """A point of P1 and the mode of each round."""
 
-    candidate: Candidate
+    candidate: IntegralPoint
     modes: tuple[str, ...]  # (M,) names of envelopes
     nodes: int
 
@@ -41,7 +41,7 @@ def solve_first_stage_with_modes(
     """Solve P1 with modes and regions; None without a solution in time."""
     instance, origin = prepared.instance, prepared.origin
     boxes = [compute_envelope_range(prepared.program, instance, e.box, origin) for e in envelopes]
-    around = Range(
+    around = ElementwiseRange(
         np.min([box.lower for box in boxes], axis=0), np.max([box.upper for box in boxes], axis=0)
     )
     form = LocalForm.of(instance)
@@ -58,7 +58,7 @@ def solve_first_stage_with_modes(
         return None
     selected = solution.assignment[stated:]
     return ModePlan(
-        Candidate(solution.x[: instance.size], solution.assignment[:stated], "P1 with modes"),
+        IntegralPoint(solution.x[: instance.size], solution.assignment[:stated], "P1 with modes"),
         tuple(envelopes[k].name for k in selected),
         solution.nodes,
     )
@@ -75,7 +75,7 @@ def _build_mode_choice(
     form: LocalForm,
     local: Instance,
     envelopes: tuple[NamedEnvelope, ...],
-    boxes: list[Range],
+    boxes: list[ElementwiseRange],
     number: int,
     columns: IntArray,
 ) -> Choice:

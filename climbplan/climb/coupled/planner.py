@@ -20,7 +20,7 @@ from climbplan.climb.coupled.accurate import solve_accurate
 from climbplan.climb.coupled.envelopes import NamedEnvelope, select_envelopes
 from climbplan.climb.coupled.modes import solve_first_stage_with_modes
 from climbplan.climb.coupled.preparation import CoupledProblem, prepare_problem
-from climbplan.climb.coupled.stages import Candidate, repair_candidate, solve_two_stages
+from climbplan.climb.coupled.stages import IntegralPoint, repair_candidate, solve_two_stages
 from climbplan.climb.postures.explanation import BOUND_SCOPE
 from climbplan.climb.postures.planner import (
     PostureResult,
@@ -45,7 +45,7 @@ POSTURES_ALONE = f"{_P}; from postures without forces, which is lower"
 class CoupledSolution:
     """The solution of a method."""
 
-    candidate: Candidate
+    candidate: IntegralPoint
     bound: float  # valid for P
     holds_for: str
     nodes: int
@@ -142,9 +142,9 @@ def _plan_with_modes(prepared: CoupledProblem) -> CoupledSolution:
     )
 
 
-def _find_initial_point(prepared: CoupledProblem) -> Candidate | None:
+def _find_initial_point(prepared: CoupledProblem) -> IntegralPoint | None:
     """Find a point of P to start from: forces at the postures alone, or IPOPT from there."""
-    first = Candidate(prepared.guess, prepared.assignment, "postures")
+    first = IntegralPoint(prepared.guess, prepared.assignment, "postures")
     return repair_candidate(prepared, first, prepared.remaining_time)
 
 
@@ -216,7 +216,7 @@ def _plan_by_spatial_search(prepared: CoupledProblem) -> CoupledSolution:
         )
     best = initial
     if result.x is not None and result.assignment is not None and result.objective is not None:
-        candidate = Candidate(result.x, result.assignment, "SCIP")
+        candidate = IntegralPoint(result.x, result.assignment, "SCIP")
         if initial is None or result.objective < prepared.instance.objective(initial.x):
             best = candidate
     if best is None:

@@ -27,7 +27,7 @@ TOLERANCE = 1e-6  # of P's constraints: metres, weights, weights times metres
 
 
 @dataclass(frozen=True)
-class Candidate:
+class IntegralPoint:
     """A point with all choices made: of P1, or of P."""
 
     x: Array
@@ -48,7 +48,7 @@ def solve_first_stage(
 
 def solve_first_stage_with_regions(
     prepared: CoupledProblem, envelope: Envelope, time_limit: float
-) -> Candidate | None:
+) -> IntegralPoint | None:
     """Solve P1 with its choice of regions by branch and bound; None without a solution in time."""
     instance = prepared.instance
     within = compute_envelope_range(prepared.program, instance, envelope, prepared.origin)
@@ -58,7 +58,7 @@ def solve_first_stage_with_regions(
     solution = solve(local, "branch-and-bound", gap=1e-3, time_limit=time_limit)
     if solution.x is None or solution.assignment is None:
         return None
-    return Candidate(solution.x[: instance.size], solution.assignment, "branch and bound")
+    return IntegralPoint(solution.x[: instance.size], solution.assignment, "branch and bound")
 
 
 def solve_second_stage(program: Program, pinned: Instance, x: Array) -> Array | None:
@@ -88,33 +88,33 @@ def solve_nonlinear(pinned: Instance, start: Array, time_limit: float) -> Array 
 
 
 def repair_candidate(
-    prepared: CoupledProblem, first: Candidate, time_limit: float, local: bool = False
-) -> Candidate | None:
+    prepared: CoupledProblem, first: IntegralPoint, time_limit: float, local: bool = False
+) -> IntegralPoint | None:
     """Repair a point of P1 to one of P: by P2, or with `local` (or if P2 fails) by IPOPT."""
     begin = time.monotonic()
     pinned = prepared.fix_choices(first.x, first.assignment)
     if not local:
         solution = solve_second_stage(prepared.program, pinned, first.x)
         if solution is not None:
-            return Candidate(solution, first.assignment, f"{first.method}, P2 convex")
+            return IntegralPoint(solution, first.assignment, f"{first.method}, P2 convex")
     remaining = time_limit - (time.monotonic() - begin)
     solution = solve_nonlinear(pinned, first.x, remaining) if remaining > 0 else None
     return (
         None
         if solution is None
-        else Candidate(solution, first.assignment, f"{first.method}, IPOPT")
+        else IntegralPoint(solution, first.assignment, f"{first.method}, IPOPT")
     )
 
 
 def solve_two_stages(
     prepared: CoupledProblem, envelope: Envelope, time_limit: float, local: bool = False
-) -> Candidate | None:
+) -> IntegralPoint | None:
     """Solve P1 and P2 with the regions of the postures alone; if P1 fails, with its own."""
     begin = time.monotonic()
     pinned = prepared.fix_choices(prepared.guess, prepared.assignment)
     x = solve_first_stage(prepared, pinned, envelope)
     if x is not None:
-        candidate = Candidate(x, prepared.assignment, "P1 convex")
+        candidate = IntegralPoint(x, prepared.assignment, "P1 convex")
         candidate_found = repair_candidate(prepared, candidate, time_limit, local)
         if candidate_found is not None:
             return candidate_found

@@ -29,7 +29,7 @@ from climbplan.errors import Unresolved
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Polytope, Program
 from climbplan.program.instance import Instance
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.program.statement import Expression
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 from climbplan.terrain.surfaces import Region
@@ -88,10 +88,10 @@ def build_footed_region(region: Region, safety: float, radius: float) -> Polytop
     )
 
 
-def compute_force_range(scene: ClimbScene) -> Range:
+def compute_force_range(scene: ClimbScene) -> ElementwiseRange:
     """Compute bounds (3,) of one limb's force by eq. (5.8) and the minimum load [weights]."""
     low = np.array([-FORCE_LIMIT, -FORCE_LIMIT, scene.spec.posture.min_load])
-    return Range(low, np.full(3, FORCE_LIMIT))
+    return ElementwiseRange(low, np.full(3, FORCE_LIMIT))
 
 
 def remove_unloadable_regions(scene: ClimbScene) -> ClimbScene:
@@ -178,7 +178,7 @@ def state_coupled_program(
 
 def compute_envelope_range(
     program: Program, instance: Instance, envelope: Envelope, origin: Array
-) -> Range:
+) -> ElementwiseRange:
     """Compute the instance's bounds, with toes and forces in the envelope about each origin."""
     lower, upper = instance.lower.copy(), instance.upper.copy()
     toe, force = program.variables["toe"], program.variables["force"]
@@ -187,7 +187,7 @@ def compute_envelope_range(
         columns = slice(block.start, block.stop)
         lower[columns] = np.maximum(lower[columns], low[..., ends].ravel())
         upper[columns] = np.minimum(upper[columns], high[..., ends].ravel())
-    return Range(lower, upper)
+    return ElementwiseRange(lower, upper)
 
 
 def place_envelope(envelope: Envelope, origin: Array) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from scipy import sparse
 from climbplan.arrays import Array, IntArray
 from climbplan.program.box import propagate_box
 from climbplan.program.instance import Balls, Instance
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.solvers.convex.sessions import create_session, solve_convex
 from climbplan.solvers.separable_cost import factor_cost
@@ -32,7 +32,7 @@ _PASSES = 4
 class Tightened:
     """Bounds (n,) that hold for every point of P at most as costly as the one known."""
 
-    bounds: Range
+    bounds: ElementwiseRange
     programs: int  # convex ones solved
     passes: int
     infeasible: bool  # the relaxation has no such point: the known one is optimal
@@ -45,7 +45,7 @@ def find_factors(instance: Instance) -> IntArray:
 
 def tighten_bounds(
     instance: Instance,
-    within: Range,
+    within: ElementwiseRange,
     best: float | None,
     time_limit: float,
     passes: int = _PASSES,
@@ -65,18 +65,18 @@ def tighten_bounds(
     programs, done = 0, 0
     for _ in range(passes):
         before = _width(low, high, every)
-        base = _feasibility(form.at(Range(low, high)), instance, best)
+        base = _feasibility(form.at(ElementwiseRange(low, high)), instance, best)
         order = every[np.argsort(-(high - low)[every])]
         for j in order[(high - low)[order] > _NARROW]:
             for sign in (1.0, -1.0):
                 if time.perf_counter() - begin > time_limit:
-                    return Tightened(Range(low, high), programs, done, False)
+                    return Tightened(ElementwiseRange(low, high), programs, done, False)
                 q = np.zeros(base.size)
                 q[j] = sign
                 result = solve_convex(replace(base, q=q), solver, tolerance=1e-6)
                 programs += 1
                 if result.status == "infeasible":
-                    return Tightened(Range(low, high), programs, done, True)
+                    return Tightened(ElementwiseRange(low, high), programs, done, True)
                 # The multipliers' bound, not the solver's point: nothing feasible is lost
                 if np.isfinite(result.bound):
                     if sign > 0:
@@ -87,7 +87,7 @@ def tighten_bounds(
         high = np.maximum(low, high)
         if _width(low, high, every) > _PROGRESS * before:
             break
-    return Tightened(Range(low, high), programs, done, False)
+    return Tightened(ElementwiseRange(low, high), programs, done, False)
 
 
 def _width(low: Array, high: Array, columns: IntArray) -> float:

@@ -1,8 +1,8 @@
 """Labelled terrains as rows of a dataset (Algorithm 1): drawn, decided, and read back for a fit.
 
-parameters: patches of all limbs (`Patches.vector`). solution, of a feasible row a point of problem
-P, of an infeasible one a solution of P without its bilinear rows: weights of patch corners, toe
-[P], force [weights], com [P], rpy [rad], and the nodes that the decision took.
+parameters: patches of all limbs (`LimbPatches.vector`). solution, of a feasible row a point of
+problem P, of an infeasible one a solution of P without its bilinear rows: weights of patch corners,
+toe [P], force [weights], com [P], rpy [rad], and the nodes that the decision took.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from climbplan.arrays import Array, IntArray
 from climbplan.climb.envelopes.distribution import build_distribution
 from climbplan.climb.envelopes.legs import Legs
 from climbplan.climb.envelopes.relaxation import solve_relaxed
-from climbplan.climb.envelopes.rows import Rows, find_linear_point
+from climbplan.climb.envelopes.rows import TerrainDataset, find_linear_point
 from climbplan.climb.envelopes.search import find_posture
 from climbplan.climb.envelopes.statement import PostureStatement, build_posture_statement
-from climbplan.climb.envelopes.terrains import CORNERS, Patches, TerrainDistribution
+from climbplan.climb.envelopes.terrains import CORNERS, LimbPatches, TerrainDistribution
 from climbplan.climb.schema.terrains_dataset import TerrainsProblemSpec
 from climbplan.errors import LimitReached, PlanFileError, UsageError
 from climbplan.program.instance import Instance
@@ -37,7 +37,7 @@ BLOCKS = ("weight", "toe", "force", "com", "rpy")  # all variables of the statem
 class DecidedTerrain:
     """A terrain and what is known about it."""
 
-    patches: Patches
+    patches: LimbPatches
     status: Literal["feasible", "infeasible", "limit"]
     x: Array | None  # a point of P; of an infeasible one of P without its bilinear rows
     nodes: int
@@ -203,8 +203,8 @@ def compute_linear_violation(instance: Instance, x: Array) -> float:
 class LabelledRows:
     """Rows to fit to, and rows that are held out."""
 
-    training: Rows
-    held_out: Rows
+    training: TerrainDataset
+    held_out: TerrainDataset
 
 
 def read_labelled_rows(data: Dataset, path: Path, terrains: TerrainDistribution) -> LabelledRows:
@@ -226,14 +226,14 @@ def read_labelled_rows(data: Dataset, path: Path, terrains: TerrainDistribution)
     )
 
 
-def _select_rows(data: Dataset, chosen: IntArray, place: str) -> Rows:
+def _select_rows(data: Dataset, chosen: IntArray, place: str) -> TerrainDataset:
     decided = np.array([data.status[k] in ("feasible", "infeasible") for k in chosen], bool)
     rows = chosen[decided]
     feasible = data.feasible[rows]
     if not feasible.any() or feasible.all():
         raise UsageError(f"{place}: both feasible and infeasible rows are needed")
     point = np.concatenate([data.solution["toe"][rows], data.solution["force"][rows]], axis=2)
-    return Rows(
+    return TerrainDataset(
         terrain=data.parameters[rows],
         feasible=feasible,
         point=point,

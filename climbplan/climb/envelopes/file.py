@@ -17,15 +17,15 @@ from typing import Any
 from climbplan.climb.envelopes.run import EnvelopeRun, FittedEnvelopes
 from climbplan.climb.schema.envelopes_loading import LoadedEnvelopes
 from climbplan.learning.envelope_box import Envelope
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_json
 from climbplan.store.root_attributes import Origin, write_root
 
 FORMAT = "climbplan/envelopes"
 FORMAT_VERSION = 1
-_BOX = Layout(("N", 6), "P, weight", "world")
-_FITNESS = Layout(("G", 3))
+_BOX = DatasetLayout(("N", 6), "P, weight", "world")
+_FITNESS = DatasetLayout(("G", 3))
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ from scipy import sparse
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.envelopes.search import TOLERANCE, minimise_product_error
 from climbplan.climb.envelopes.statement import PostureStatement
-from climbplan.climb.envelopes.terrains import Patches
+from climbplan.climb.envelopes.terrains import LimbPatches
 from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 from climbplan.solvers.ipopt.instances import solve_ipopt
@@ -38,14 +38,14 @@ class FirstStage:
     instance: Instance
     form: LocalForm
     factors: IntArray  # (N, 6) columns of toe and force
-    bounds: Range  # of all variables
+    bounds: ElementwiseRange  # of all variables
     propagate: bool = False  # whether rows cut the box
 
     @classmethod
     def of(
         cls,
         statement: PostureStatement,
-        patches: Patches,
+        patches: LimbPatches,
         manner: Manner = "propagated",
         load: Array | None = None,
     ) -> FirstStage:
@@ -67,10 +67,14 @@ class FirstStage:
             lower[toe_columns] = np.maximum(lower[toe_columns], corners.min(axis=1).ravel())
             upper[toe_columns] = np.minimum(upper[toe_columns], corners.max(axis=1).ravel())
         return cls(
-            instance, LocalForm.of(instance), columns, Range(lower, upper), manner == "propagated"
+            instance,
+            LocalForm.of(instance),
+            columns,
+            ElementwiseRange(lower, upper),
+            manner == "propagated",
         )
 
-    def box(self, low: Array, high: Array) -> Range | None:
+    def box(self, low: Array, high: Array) -> ElementwiseRange | None:
         """Return bounds of all variables within an envelope (N, 6) each, None if they cross."""
         lower, upper = self.bounds.lower.copy(), self.bounds.upper.copy()
         factor_columns = self.factors.ravel()
@@ -78,7 +82,7 @@ class FirstStage:
         upper[factor_columns] = np.minimum(upper[factor_columns], high.ravel())
         if (lower > upper).any():
             return None
-        return Range(lower, upper)
+        return ElementwiseRange(lower, upper)
 
     def relax(self, low: Array, high: Array) -> Instance | None:
         """Return P1 on a box as a linear instance, None if the box misses the terrain."""
@@ -87,12 +91,14 @@ class FirstStage:
             box = self._propagate(box)
         return None if box is None else self.form.at(box)
 
-    def _propagate(self, box: Range) -> Range | None:
+    def _propagate(self, box: ElementwiseRange) -> ElementwiseRange | None:
         """Return what interval propagation leaves of a box, None if nothing."""
         propagated_box = propagate_box(replace(self.instance, lower=box.lower, upper=box.upper))
         if (propagated_box.lower > propagated_box.upper + _CROSSED).any():
             return None
-        return Range(propagated_box.lower, np.maximum(propagated_box.lower, propagated_box.upper))
+        return ElementwiseRange(
+            propagated_box.lower, np.maximum(propagated_box.lower, propagated_box.upper)
+        )
 
     def solve(self, low: Array, high: Array, centre: Array | None = None) -> Array | None:
         """Return a point of P1 (n,), None if it has none.

@@ -16,7 +16,7 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.envelopes.first_stage import FirstStage, Manner
 from climbplan.climb.envelopes.legs import Legs
 from climbplan.climb.envelopes.statement import build_posture_statement
-from climbplan.climb.envelopes.terrains import Patches
+from climbplan.climb.envelopes.terrains import LimbPatches
 from climbplan.learning.envelope_box import EnvelopeSet, FirstStageLabels
 
 
@@ -34,7 +34,8 @@ class LabelledTerrains:
         """Return P1 on every terrain, ready for any envelope."""
         statement = build_posture_statement(self.legs)
         return [
-            FirstStage.of(statement, Patches.from_vector(row), self.manner) for row in self.terrain
+            FirstStage.of(statement, LimbPatches.from_vector(row), self.manner)
+            for row in self.terrain
         ]
 
 

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.climb.envelopes.first_stage import FirstStage, Manner
-from climbplan.climb.envelopes.rows import Rows
+from climbplan.climb.envelopes.rows import TerrainDataset
 from climbplan.climb.envelopes.search import drop_products, minimise_product_error
 from climbplan.climb.envelopes.statement import PostureStatement
 from climbplan.climb.envelopes.terrains import TerrainDistribution
@@ -83,17 +83,19 @@ _RECENTRINGS = 2
 _LEAST_SPREAD = 0.02  # of a factor, below which it counts as this
 
 
-def prepare_stages(statement: PostureStatement, rows: Rows, manner: Manner) -> list[FirstStage]:
+def prepare_stages(
+    statement: PostureStatement, rows: TerrainDataset, manner: Manner
+) -> list[FirstStage]:
     """Return P1 on every terrain, ready for any envelope."""
     return [FirstStage.of(statement, rows.patches(k), manner) for k in range(len(rows.terrain))]
 
 
 def recentre_points(
-    rows: Rows,
+    rows: TerrainDataset,
     prepared: list[FirstStage],
     report: Callable[[float], None] | None = None,
     times: int = _RECENTRINGS,
-) -> Rows:
+) -> TerrainDataset:
     """Return the rows with each feasible point moved towards the median within its feasible set."""
     point = rows.point.copy()
     feasible_rows = np.flatnonzero(rows.feasible)
@@ -146,7 +148,7 @@ class Validation:
 
 
 @dataclass(frozen=True)
-class Conditions:
+class TheoremConditions:
     """The theorem's conditions, measured: shares of terrains for which they hold."""
 
     meets: float  # (1) the box holds a point of the feasible set (a lower bound: IPOPT looked)
@@ -159,10 +161,10 @@ class Measured:
     """All that held-out rows tell of a set of envelopes."""
 
     validation: Validation
-    conditions: Conditions
+    conditions: TheoremConditions
 
 
-def measure(envelopes: EnvelopeSet, rows: Rows, prepared: list[FirstStage]) -> Measured:
+def measure(envelopes: EnvelopeSet, rows: TerrainDataset, prepared: list[FirstStage]) -> Measured:
     """Return the validation table's row, and conditions 1 to 3 of the union of boxes.
 
     With several envelopes P1 is feasible where it is with one. (2) is by linear programs, exact.
@@ -196,7 +198,7 @@ def measure(envelopes: EnvelopeSet, rows: Rows, prepared: list[FirstStage]) -> M
             int(rows.feasible.sum()),
             int((~rows.feasible).sum()),
         ),
-        Conditions(
+        TheoremConditions(
             float(np.mean(meets)),
             float(np.mean(excludes)),
             float(np.mean(projects)) if projects else 0.0,
@@ -204,6 +206,6 @@ def measure(envelopes: EnvelopeSet, rows: Rows, prepared: list[FirstStage]) -> M
     )
 
 
-def select_training_points(rows: Rows) -> tuple[Array, Array]:
+def select_training_points(rows: TerrainDataset) -> tuple[Array, Array]:
     """Return feasible and infeasible points, (n, N, 6) and (m, N, 6)."""
     return rows.point[rows.feasible], rows.point[~rows.feasible]

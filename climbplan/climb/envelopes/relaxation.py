@@ -17,7 +17,7 @@ from scipy import sparse
 from climbplan.arrays import Array
 from climbplan.climb.envelopes.legs import INSCRIBED, Legs, build_ball_directions
 from climbplan.climb.envelopes.statement import COM_RANGE, FACETS, ROTATION_LIMIT
-from climbplan.climb.envelopes.terrains import CORNERS, Patches
+from climbplan.climb.envelopes.terrains import CORNERS, LimbPatches
 from climbplan.mechanics.friction import contact_frame, regular_corners
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 
@@ -35,7 +35,7 @@ class Relaxed:
     torsion: Array  # (N,) moment about the centre of pressure beyond that of a point, absolute
 
 
-def compute_generators(patches: Patches) -> Array:
+def compute_generators(patches: LimbPatches) -> Array:
     """Return edges of the inscribed pyramids with unit normal part, (N, FACETS, 3)."""
     frame = contact_frame(patches.normal)
     angle = regular_corners(FACETS)
@@ -47,7 +47,7 @@ def compute_generators(patches: Patches) -> Array:
 
 
 def solve_relaxed(
-    legs: Legs, patches: Patches, force: Array, moment: Array, corners: Array | None = None
+    legs: Legs, patches: LimbPatches, force: Array, moment: Array, corners: Array | None = None
 ) -> Relaxed | None:
     """Return the relaxation with least friction used, None if it has no solution.
 
@@ -76,7 +76,7 @@ def solve_relaxed(
 
 
 @dataclass(frozen=True)
-class _Layout:
+class _ColumnSlices:
     com: slice
     rpy: slice
     weight: slice
@@ -84,15 +84,15 @@ class _Layout:
     size: int
 
 
-def _build_layout(n: int) -> _Layout:
+def _build_layout(n: int) -> _ColumnSlices:
     weight = 6 + CORNERS * n
     size = weight + CORNERS * FACETS * n
-    return _Layout(slice(0, 3), slice(3, 6), slice(6, weight), slice(weight, size), size)
+    return _ColumnSlices(slice(0, 3), slice(3, 6), slice(6, weight), slice(weight, size), size)
 
 
 def _build_program(
-    legs: Legs, patches: Patches, force: Array, moment: Array, vertex: Array, edge: Array
-) -> tuple[LinearProgram, _Layout]:
+    legs: Legs, patches: LimbPatches, force: Array, moment: Array, vertex: Array, edge: Array
+) -> tuple[LinearProgram, _ColumnSlices]:
     n = legs.count
     columns = _build_layout(n)
     num_generators = CORNERS * FACETS

@@ -15,14 +15,14 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.climb.envelopes.relaxation import solve_relaxed
 from climbplan.climb.envelopes.search import drop_products, find_posture, minimise_product_error
 from climbplan.climb.envelopes.statement import PostureStatement
-from climbplan.climb.envelopes.terrains import Patches, TerrainDistribution
+from climbplan.climb.envelopes.terrains import LimbPatches, TerrainDistribution
 from climbplan.program.instance import Instance
 
 NODES = 300  # of the search, before a terrain is left undecided
 
 
 @dataclass(frozen=True)
-class Rows:
+class TerrainDataset:
     """n labelled terrains of one distribution."""
 
     terrain: Array  # (n, p) vectors of patches
@@ -32,9 +32,9 @@ class Rows:
     trivial: int  # without a solution even of the linear part
     undecided: int  # neither a point nor a proof within the nodes
 
-    def patches(self, k: int) -> Patches:
+    def patches(self, k: int) -> LimbPatches:
         """Return the terrain of a row."""
-        return Patches.from_vector(self.terrain[k])
+        return LimbPatches.from_vector(self.terrain[k])
 
 
 def extract_factors(statement: PostureStatement, x: Array) -> Array:
@@ -59,7 +59,7 @@ def collect_rows(
     infeasible: int,
     seed: int,
     report: Callable[[float], None] | None = None,
-) -> Rows:
+) -> TerrainDataset:
     """Draw terrains until there are enough feasible and enough infeasible ones.
 
     Row k of the draw depends on (seed, k) alone. Terrains of a kind that is complete are skipped.
@@ -96,7 +96,7 @@ def collect_rows(
         rows.append((patches.vector(), label, extract_factors(statement, x)))
         if report is not None:
             report(len(rows) / (feasible + infeasible))
-    return Rows(
+    return TerrainDataset(
         np.array([r[0] for r in rows]),
         np.array([r[1] for r in rows], bool),
         np.array([r[2] for r in rows]),

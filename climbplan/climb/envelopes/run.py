@@ -13,7 +13,7 @@ from climbplan.climb.envelopes.dataset_rows import LabelledRows, read_labelled_r
 from climbplan.climb.envelopes.distribution import build_distribution
 from climbplan.climb.envelopes.first_stage_labels import LabelledTerrains, build_labeller
 from climbplan.climb.envelopes.fit import (
-    Conditions,
+    TheoremConditions,
     Validation,
     build_heuristic_envelope,
     measure,
@@ -21,7 +21,7 @@ from climbplan.climb.envelopes.fit import (
     recentre_points,
     select_training_points,
 )
-from climbplan.climb.envelopes.rows import Rows, collect_rows
+from climbplan.climb.envelopes.rows import TerrainDataset, collect_rows
 from climbplan.climb.envelopes.statement import PostureStatement, build_posture_statement
 from climbplan.climb.envelopes.terrains import TerrainDistribution
 from climbplan.climb.schema.envelopes import EnvelopeFitSpec, EnvelopesSpec
@@ -43,7 +43,7 @@ class FittedEnvelopes:
     method: str
     envelopes: EnvelopeSet
     validation: Validation
-    conditions: Conditions
+    conditions: TheoremConditions
     seconds: float  # CPU time of this process spent on finding them [s]
 
 
@@ -55,8 +55,8 @@ class EnvelopeRun:
     position_scale: float  # P [m]
     fitted: tuple[FittedEnvelopes, ...]
     fitness: Array  # (G, 3) mean, spread and best of each generation, none without the search
-    training: Rows  # points of feasible terrains as they were clustered
-    held_out: Rows
+    training: TerrainDataset  # points of feasible terrains as they were clustered
+    held_out: TerrainDataset
     fingerprint: str  # sha256 of the training terrains and labels
     timings: dict[str, float]  # [s]
 
@@ -162,7 +162,7 @@ def _collect_rows(
         path = loaded.directory / data.dataset
         return read_labelled_rows(read_dataset_file(path), path, terrains)
 
-    def draw(stage: str, own: int, feasible: int, infeasible: int) -> Rows:
+    def draw(stage: str, own: int, feasible: int, infeasible: int) -> TerrainDataset:
         return collect_rows(
             terrains,
             statement,
@@ -179,7 +179,10 @@ def _collect_rows(
 
 
 def _build_labelled(
-    training: Rows, recentred_rows: Rows, terrains: TerrainDistribution, fit: EnvelopeFitSpec
+    training: TerrainDataset,
+    recentred_rows: TerrainDataset,
+    terrains: TerrainDistribution,
+    fit: EnvelopeFitSpec,
 ) -> LabelledTerrains:
     """Return training terrains with the points that were found, and those they were moved to."""
     feasible_points = np.stack([training.point, recentred_rows.point], axis=1)
@@ -194,7 +197,7 @@ def _build_labelled(
 
 
 def fit_by_clustering(
-    recentred_rows: Rows, labels: FirstStageLabels, spec: EnvelopesSpec
+    recentred_rows: TerrainDataset, labels: FirstStageLabels, spec: EnvelopesSpec
 ) -> EnvelopeSet:
     """Return Algorithm 2, its boxes grown until P1 calls enough training terrains feasible."""
     good, bad = select_training_points(recentred_rows)
@@ -211,7 +214,7 @@ def fit_by_clustering(
 
 def _run_search(
     labels: FirstStageLabels,
-    training: Rows,
+    training: TerrainDataset,
     first: list[EnvelopeSet],
     fit: EnvelopeFitSpec,
     seed: int,
@@ -228,5 +231,5 @@ def _run_search(
     )
 
 
-def _compute_fingerprint(rows: Rows) -> str:
+def _compute_fingerprint(rows: TerrainDataset) -> str:
     return hashlib.sha256(rows.terrain.tobytes() + rows.feasible.tobytes()).hexdigest()

@@ -17,7 +17,7 @@ from scipy import sparse
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.envelopes.relaxation import Relaxed, solve_relaxed
 from climbplan.climb.envelopes.statement import PostureStatement
-from climbplan.climb.envelopes.terrains import Patches
+from climbplan.climb.envelopes.terrains import LimbPatches
 from climbplan.program.instance import Instance
 from climbplan.reformulations.extension import create_no_implications
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
@@ -41,7 +41,7 @@ class PostureAnswer:
 
 def find_posture(
     statement: PostureStatement,
-    patches: Patches,
+    patches: LimbPatches,
     load: Array | None = None,
     nodes: int = _NODES,
 ) -> PostureAnswer:

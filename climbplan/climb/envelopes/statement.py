@@ -19,7 +19,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.envelopes.legs import INSCRIBED, Legs, build_ball_directions
-from climbplan.climb.envelopes.terrains import CORNERS, Patches
+from climbplan.climb.envelopes.terrains import CORNERS, LimbPatches
 from climbplan.mechanics.friction import contact_frame, pyramid_rows, regular_corners
 from climbplan.program import Program
 from climbplan.program.statement import Expression
@@ -36,7 +36,7 @@ class PostureStatement:
     program: Program
     legs: Legs
 
-    def theta(self, patches: Patches, load: Array | None = None) -> dict[str, Array]:
+    def theta(self, patches: LimbPatches, load: Array | None = None) -> dict[str, Array]:
         """Return parameters of a terrain.
 
         load: (6,) external force [weights] and moment about the body origin [weights P] beside

@@ -25,7 +25,7 @@ CORNERS = 4  # of a patch
 
 
 @dataclass(frozen=True)
-class Patches:
+class LimbPatches:
     """One patch for each of N limbs."""
 
     vertices: Array  # (N, 4, 3) [m] anticlockwise seen from free space
@@ -37,7 +37,7 @@ class Patches:
         return np.concatenate([self.vertices.ravel(), self.normal.ravel(), self.friction])
 
     @classmethod
-    def from_vector(cls, row: Array) -> Patches:
+    def from_vector(cls, row: Array) -> LimbPatches:
         """Return the patches of a dataset's row; raises UsageError for a length that fits none."""
         n, remainder = divmod(len(row), 3 * CORNERS + 4)
         if remainder or not n:
@@ -62,7 +62,7 @@ class TerrainDistribution:
     jitter: float = 0.1  # [m] of patch centres along each axis
     half_size: float = 0.05  # [m] of patches
 
-    def sample(self, rng: np.random.Generator) -> Patches:
+    def sample(self, rng: np.random.Generator) -> LimbPatches:
         """Return one terrain; angles, positions and friction coefficients are uniform."""
         n = self.legs.count
         center = self.legs.stance + rng.uniform(-self.jitter, self.jitter, (n, 3))
@@ -73,7 +73,7 @@ class TerrainDistribution:
         corner_offsets = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * self.half_size
         edges = np.stack([frame.tangent, frame.bitangent], axis=1)  # (N, 2, 3)
         vertices = center[:, None] + corner_offsets @ edges
-        return Patches(vertices, normals, rng.uniform(*self.friction, n))
+        return LimbPatches(vertices, normals, rng.uniform(*self.friction, n))
 
 
 def tilt_normals(normal: Array, angle: Array, about: Array) -> Array:

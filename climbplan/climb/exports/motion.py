@@ -17,9 +17,9 @@ from climbplan.exports.damping import critical_damping
 from climbplan.exports.motion import (
     BodyMotion,
     ContactMotion,
+    ExportedJoints,
     JointLimits,
-    JointMotion,
-    LimbShape,
+    LimbLinks,
     RobotMotion,
     describe_gains,
     differentiate_spline,
@@ -106,7 +106,7 @@ def build_motion(plan: ClimbPlan) -> RobotMotion:
         time=trajectory.time,
         bodies=(BodyMotion("body", trajectory.com, unwrap_quaternions(quaternion)),),
         base=None if root_link is None else root_link.motion(trajectory.com, rotation),
-        joints=JointMotion(
+        joints=ExportedJoints(
             names=robot.motor_names,
             command=trajectory.joint_command[:, has_joint],
             velocity=velocity,
@@ -201,12 +201,12 @@ def _build_contacts(plan: ClimbPlan, angle: Array, torque: Array) -> ContactMoti
     )
 
 
-def _build_limb_shapes(plan: ClimbPlan, angle: Array) -> tuple[LimbShape, ...]:
+def _build_limb_shapes(plan: ClimbPlan, angle: Array) -> tuple[LimbLinks, ...]:
     """Return the limbs as polylines with a radius."""
     trajectory, robot = plan.trajectory, plan.robot
     rotation = rotation_world_body(trajectory.rpy)
     points_body = joint_points_body(robot, angle)  # (T, N, P, 3)
     points = trajectory.com[:, None, None] + np.einsum("tij,tnpj->tnpi", rotation, points_body)
     return tuple(
-        LimbShape(name, points[:, n], robot.limb_radius) for n, name in enumerate(robot.limb_names)
+        LimbLinks(name, points[:, n], robot.limb_radius) for n, name in enumerate(robot.limb_names)
     )

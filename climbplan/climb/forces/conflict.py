@@ -41,7 +41,7 @@ class Member:
 
 
 @dataclass(frozen=True)
-class Relaxation:
+class ElasticOptimum:
     """Optimum of the elastic relaxation."""
 
     total_violation: float  # sum over the members [units of the load and of the torque limits]
@@ -61,7 +61,7 @@ def list_members(cones: InstantCones) -> list[Member]:
     ]
 
 
-def relax_members(cones: InstantCones, members: list[Member]) -> Relaxation | None:
+def relax_members(cones: InstantCones, members: list[Member]) -> ElasticOptimum | None:
     """Solve the elastic relaxation of equilibrium with some constraints; None if Clarabel fails."""
     n = cones.num_contacts
     program = ConicProgram(3 * n + len(members))
@@ -109,7 +109,7 @@ def relax_members(cones: InstantCones, members: list[Member]) -> Relaxation | No
         member: float(np.abs(solution.multipliers[str(index)]).max())
         for index, member in enumerate(members)
     }
-    return Relaxation(solution.value, multipliers)
+    return ElasticOptimum(solution.value, multipliers)
 
 
 def find_irreducible_conflict(cones: InstantCones) -> list[Member] | None:

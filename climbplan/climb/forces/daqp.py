@@ -7,14 +7,16 @@ import numpy as np
 
 from climbplan.arrays import BoolArray
 from climbplan.climb.forces.pyramids import Optima
-from climbplan.climb.forces.reduction import Halfspaces, ReducedForces
+from climbplan.climb.forces.reduction import ReducedForces, ReducedHalfspaces
 
 _UNBOUNDED = -1e30  # no lower bound, in DAQP's terms
 _PRIMAL_TOLERANCE = 1e-10  # on rows of unit length
 _SOLVED = 1
 
 
-def solve_daqp(group: ReducedForces, rows: Halfspaces, active: BoolArray | None = None) -> Optima:
+def solve_daqp(
+    group: ReducedForces, rows: ReducedHalfspaces, active: BoolArray | None = None
+) -> Optima:
     """Minimise a group's objective and preference over the rows, one call per instant.
 
     Args:

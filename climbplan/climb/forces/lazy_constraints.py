@@ -29,7 +29,7 @@ _TOLERANCE = 1e-9  # [rad, m] by which commands may enter their reserve or miss 
 
 
 @dataclass(frozen=True)
-class Rows:
+class ForceRows:
     """Rows A f <= upper on the forces of some instants."""
 
     A: Array  # (B, e, N, 3) [1/N]
@@ -39,9 +39,9 @@ class Rows:
         """Return the columns (B, e, n, 3) of the limbs (B, n) in contact."""
         return np.take_along_axis(self.A, limb[:, None, :, None], axis=2)
 
-    def append_rows(self, following: Rows) -> Rows:
+    def append_rows(self, following: ForceRows) -> ForceRows:
         """Return these rows, followed by further ones of the same instants."""
-        return Rows(
+        return ForceRows(
             np.concatenate([self.A, following.A], axis=1),
             np.concatenate([self.upper, following.upper], axis=1),
         )
@@ -57,16 +57,16 @@ def pack_triangle(matrices: Array) -> Array:
     return np.asarray(matrices[..., row, column] * scaling)
 
 
-def build_stability_cone(statement: ForceStatement, instants: IntArray) -> Rows:
+def build_stability_cone(statement: ForceStatement, instants: IntArray) -> ForceRows:
     """Return rows (B, 21, N, 3) for which upper - A f is positive semidefinite: stability."""
     if (statement.min_stiffness_ratio[instants] == -np.inf).any():
         shape = (len(instants), 0, *statement.contact.shape[1:], 3)
-        return Rows(np.zeros(shape), np.zeros(shape[:2]))
+        return ForceRows(np.zeros(shape), np.zeros(shape[:2]))
     stiffness_loss = pack_triangle(
         stiffness_lost_matrices(statement.braced_body, instants)
     )  # (B, N, 3, 21)
     upper = (1.0 - statement.min_stiffness_ratio[instants, None]) * pack_triangle(np.eye(6))
-    return Rows(np.moveaxis(stiffness_loss, -1, 1), upper)
+    return ForceRows(np.moveaxis(stiffness_loss, -1, 1), upper)
 
 
 class LazyConstraints:
@@ -104,27 +104,27 @@ class LazyConstraints:
             self._cuts.setdefault(int(k), []).append(row)
         return buckling
 
-    def build_command_rows(self, instants: IntArray) -> Rows:
+    def build_command_rows(self, instants: IntArray) -> ForceRows:
         """Return rows that keep the commands of some instants within bounds, down and up."""
         b, n = len(instants), self.statement.contact.shape[1]
         rows = self.statement.max_torque.size
         bending = self.statement.deflection_per_force[instants].reshape(b, rows, n, 3)
         margins = [self.statement.margin_below[instants], self.statement.margin_above[instants]]
         upper = reduce_margin(np.concatenate(margins, axis=1).reshape(b, 2 * rows), self.reserve)
-        return Rows(np.concatenate([bending, -bending], axis=1), upper)
+        return ForceRows(np.concatenate([bending, -bending], axis=1), upper)
 
-    def build_penetration_rows(self, instants: IntArray) -> Rows:
+    def build_penetration_rows(self, instants: IntArray) -> ForceRows:
         """Return rows that keep commanded toes as deep inside their surfaces as required."""
         min_penetration = self.statement.min_penetration[instants]
         if (min_penetration == -np.inf).all():
             shape = (len(instants), 0, *self.statement.arms.shape[1:])
-            return Rows(np.zeros(shape), np.zeros(shape[:2]))
+            return ForceRows(np.zeros(shape), np.zeros(shape[:2]))
         is_required = self.statement.standing[instants] & (min_penetration > -np.inf)
         # Rows of limbs in the air, and where nothing is asked, are zero and idle
         rows = -self.statement.penetration_per_force[instants] * is_required[..., None, None]
-        return Rows(rows, np.where(is_required, -min_penetration, 1.0))
+        return ForceRows(rows, np.where(is_required, -min_penetration, 1.0))
 
-    def collect_cuts(self, instants: IntArray) -> Rows:
+    def collect_cuts(self, instants: IntArray) -> ForceRows:
         """Return the stability cuts of some instants, padded with idle rows to equal numbers."""
         n = self.statement.contact.shape[1]
         max_cuts = max((len(self._cuts.get(int(k), [])) for k in instants), default=0)
@@ -134,4 +134,4 @@ class LazyConstraints:
                 A[instant_row, row] = cut
         max_loss = 1.0 - self.statement.min_stiffness_ratio[instants] - _CUT_MARGIN
         max_loss = np.where(np.isfinite(max_loss), max_loss, 1.0)  # idle: none were found
-        return Rows(A, np.tile(max_loss[:, None], (1, max_cuts)))
+        return ForceRows(A, np.tile(max_loss[:, None], (1, max_cuts)))

@@ -7,7 +7,7 @@ from scipy import sparse
 
 from climbplan.arrays import BoolArray
 from climbplan.climb.forces.pyramids import Optima
-from climbplan.climb.forces.reduction import Halfspaces, ReducedForces
+from climbplan.climb.forces.reduction import ReducedForces, ReducedHalfspaces
 
 _TOLERANCE = 1e-6  # before polishing
 _MAX_ITERATIONS = 10_000
@@ -19,7 +19,9 @@ _PROXIMAL_STEPS = 6
 _STEP_TOLERANCE = 1e-5  # change of x between proximal steps
 
 
-def solve_osqp(group: ReducedForces, rows: Halfspaces, active: BoolArray | None = None) -> Optima:
+def solve_osqp(
+    group: ReducedForces, rows: ReducedHalfspaces, active: BoolArray | None = None
+) -> Optima:
     """Minimise gradient . x over the rows by proximal steps, several calls per instant.
 
     A first-order method has no use for `active` rows. Answers that could not be polished may

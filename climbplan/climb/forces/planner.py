@@ -21,7 +21,7 @@ from climbplan.climb.forces.statement import (
     compute_torque_ratio,
     sum_over_limb_points,
 )
-from climbplan.climb.plan.climb_plan import Forces, Instants
+from climbplan.climb.plan.climb_plan import InstantForces, Instants
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import UsageError
 from climbplan.mechanics.friction import critical_friction
@@ -29,7 +29,7 @@ from climbplan.mechanics.stiffness import Deflections, deflections_for_forces
 from climbplan.robots.kinematics import toe_world
 
 
-def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = None) -> Forces:
+def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = None) -> InstantForces:
     """Return contact forces, torques and commands of all instants.
 
     Every answer is checked against the exact constraints. One that fails, or that an inscribed
@@ -67,7 +67,7 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
 
 def _assemble_forces(
     scene: MotionScene, instants: Instants, statement: ForceStatement, force: Array
-) -> Forces:
+) -> InstantForces:
     """Return torques, commands and safety factors; factors are infinite where nothing is loaded."""
     compensated = scene.spec.force.deflection_compensation == "compensated"
     deflections = compute_deflections(statement, force, compensated)
@@ -81,7 +81,7 @@ def _assemble_forces(
     foot_shape = (*instants.contact.shape, points)
     safety_torque = np.full(len(torque_ratio), np.inf)
     np.divide(1.0, torque_ratio, out=safety_torque, where=torque_ratio > 0)
-    return Forces(
+    return InstantForces(
         force=sum_over_limb_points(force, points),
         joint_torques=torques,
         wall_deflection=deflections.wall,

@@ -15,8 +15,8 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.forces.reduction import (
-    Halfspaces,
     ReducedForces,
+    ReducedHalfspaces,
     build_halfspaces,
     write_friction_rows,
 )
@@ -39,7 +39,7 @@ class RowSolver(Protocol):
     """Minimises a group's objective over halfspaces."""
 
     def __call__(
-        self, group: ReducedForces, rows: Halfspaces, active: BoolArray | None = None
+        self, group: ReducedForces, rows: ReducedHalfspaces, active: BoolArray | None = None
     ) -> Optima: ...
 
 
@@ -75,7 +75,7 @@ def _place_corners(direction: Array, facets: int) -> Array:
     return np.asarray(direction[..., None] + np.concatenate([fine_angles, coarse_angles]))
 
 
-def _build_warm_start(active: BoolArray, rows: Halfspaces) -> BoolArray:
+def _build_warm_start(active: BoolArray, rows: ReducedHalfspaces) -> BoolArray:
     """Return the initial active rows of the second pass.
 
     Active joints and contacts stay. Wherever friction was active, the facet that begins at the

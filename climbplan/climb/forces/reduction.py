@@ -98,14 +98,14 @@ class ReducedForces:
 
 
 @dataclass(frozen=True)
-class Reduction:
+class ForceReduction:
     """All instants, reduced, and those whose contacts cannot balance the load at all."""
 
     groups: tuple[ReducedForces, ...]
     unbalanced: IntArray  # instants
 
 
-def reduce_forces(statement: ForceStatement) -> Reduction:
+def reduce_forces(statement: ForceStatement) -> ForceReduction:
     """Eliminate equilibrium from the force problems of all instants."""
     num_contacts = statement.contact.sum(axis=1)
     groups: list[ReducedForces] = []
@@ -134,7 +134,7 @@ def reduce_forces(statement: ForceStatement) -> Reduction:
                     )
                 )
     no_instants = np.empty(0, np.int64)
-    return Reduction(tuple(groups), np.sort(np.concatenate([no_instants, *unbalanced])))
+    return ForceReduction(tuple(groups), np.sort(np.concatenate([no_instants, *unbalanced])))
 
 
 def _reduce_group(
@@ -188,7 +188,7 @@ def _reduce_group(
 
 
 @dataclass(frozen=True)
-class Halfspaces:
+class ReducedHalfspaces:
     """Linear rows A x <= upper of B instants, in addition to 0 <= s <= max_s.
 
     Rows: 2 J l of torque (positive, then negative), n of contact, n F of friction, and the extra
@@ -216,7 +216,7 @@ class Halfspaces:
 
 def build_halfspaces(
     group: ReducedForces, corners: Array | None = None, facets: int = 0
-) -> Halfspaces:
+) -> ReducedHalfspaces:
     """Return torque and contact rows, and friction rows for polygons with `corners` (B, n, F)
     [rad].
 
@@ -242,13 +242,13 @@ def build_halfspaces(
         group.frame_particular[:, :, 0] - group.min_normal_force[:, None]
     )
     A[:, m:, 1:], upper[:, m:] = group.extra_rows, group.extra_upper
-    rows = Halfspaces(A, upper, n, facets, num_torques)
+    rows = ReducedHalfspaces(A, upper, n, facets, num_torques)
     if corners is not None:
         write_friction_rows(group, rows, corners)
     return rows
 
 
-def write_friction_rows(group: ReducedForces, rows: Halfspaces, corners: Array) -> None:
+def write_friction_rows(group: ReducedForces, rows: ReducedHalfspaces, corners: Array) -> None:
     """Write the friction rows of polygons with `corners` (B, n, F) into `rows`."""
     b, n, q = len(group.instant), group.num_contacts, group.num_unknowns
     facet_rows = pyramid_rows(group.usable_mu, corners)  # (B, n, F, 3)

@@ -18,7 +18,7 @@ from climbplan.climb.forces.clarabel import solve_clarabel
 from climbplan.climb.forces.daqp import solve_daqp
 from climbplan.climb.forces.lazy_constraints import LazyConstraints, build_stability_cone
 from climbplan.climb.forces.pyramids import solve_pyramids
-from climbplan.climb.forces.reduction import ReducedForces, Reduction, reduce_forces
+from climbplan.climb.forces.reduction import ForceReduction, ReducedForces, reduce_forces
 from climbplan.climb.forces.statement import RESIDUAL_LIMIT, ForceStatement, check_forces
 from climbplan.errors import UsageError
 
@@ -112,7 +112,7 @@ def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedF
 
 
 def _solve_constrained(
-    reduction: Reduction,
+    reduction: ForceReduction,
     constraints: LazyConstraints,
     instants: IntArray,
     solver: str,

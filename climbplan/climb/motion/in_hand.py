@@ -12,7 +12,7 @@ from dataclasses import replace
 from climbplan.arrays import Array
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.motion.trajectory import build_timed_motion
-from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds, Trajectory
+from climbplan.climb.plan.climb_plan import InstantForces, Instants, Rounds, Trajectory
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import NoPlanFound
 
@@ -24,9 +24,9 @@ def plan_with_torque_reserve(
     scene: MotionScene,
     rounds: Rounds,
     instants: Instants,
-    forces: Forces,
+    forces: InstantForces,
     swings: tuple[Array, ...] | None = None,
-) -> tuple[Forces, Trajectory]:
+) -> tuple[InstantForces, Trajectory]:
     """Plan the motion of forces, with other forces if torques exceed their limits on the way.
 
     If there are no better forces the given ones stay, and the plan's check fails. `swings` and

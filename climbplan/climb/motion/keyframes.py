@@ -14,7 +14,7 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.clearance.swing_ways import compute_path_fractions, merge_paths
 from climbplan.climb.forces.planner import compute_deflections, plan_forces
 from climbplan.climb.forces.sole_margins import solve_with_sole_margins
-from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds
+from climbplan.climb.plan.climb_plan import InstantForces, Instants, Rounds
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import NoPlanFound, Unresolved
@@ -89,7 +89,7 @@ def _solve_start_load(scene: MotionScene, rounds: Rounds, instants: Instants) ->
     )[0]
 
 
-def _get_contact_forces(forces: Forces) -> Array:
+def _get_contact_forces(forces: InstantForces) -> Array:
     """Return forces (K, N, 3), or those at the corners of flat feet (K, N, 4, 3)."""
     return forces.force if forces.corner_force is None else forces.corner_force
 
@@ -224,7 +224,7 @@ def build_keyframes(
     scene: MotionScene,
     rounds: Rounds,
     instants: Instants,
-    forces: Forces,
+    forces: InstantForces,
     paths: tuple[Array, ...],
 ) -> Keyframes:
     names = scene.robot.limb_names

@@ -19,7 +19,7 @@ from climbplan.climb.forces.explanation import NoForces
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait.balance import sample_body_path
 from climbplan.climb.gait.gait import plan_instants
-from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds
+from climbplan.climb.plan.climb_plan import InstantForces, Instants, Rounds
 from climbplan.climb.postures.coxa_wedges import compute_wedge_normals
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.postures.planner import PostureResult, plan_postures
@@ -68,7 +68,7 @@ class StageClock:
 
 
 @dataclass(frozen=True)
-class Motion:
+class ClimbMotion:
     """Postures and instants that passed the exact kinematic and clearance checks."""
 
     posture: PostureResult
@@ -90,7 +90,7 @@ def plan_motion(
     deadline: float | None = None,
     num_kept: int | None = None,
     nodes: float = np.inf,
-) -> Motion:
+) -> ClimbMotion:
     """Plan postures whose instants are in reach and whose body and limbs are clear.
 
     The convex program models workspaces as balls, and rotations and knees to first order. If the
@@ -134,7 +134,7 @@ def _plan_motion(
     deadline: float,
     num_kept: int | None = None,
     nodes: float = np.inf,
-) -> Motion:
+) -> ClimbMotion:
     if save_model is not None and _select_method(scene) != "micp":
         raise UsageError("--save-model writes the mixed-integer program: use it with method micp")
     margins = PostureMargins()
@@ -237,7 +237,7 @@ def _plan_motion(
                 name = scene.robot.limb_names[swing_collision.limb]
                 notes.append(f"workspace of {name} tightened: {swing_collision.conflicts[0]}")
                 continue
-            except _LimbCollision as collision:
+            except _LinkCollision as collision:
                 if scene.spec.solver.method == "nlp":  # its own exact check is the same
                     message = f"posture planner: {collision}"
                     raise collision.blocked or Unresolved(
@@ -263,7 +263,7 @@ def _plan_motion(
                 notes.append(f"{note}: {collision}")
                 continue
         posture = replace(posture, rounds=rounds)
-        return Motion(_replace_bound(posture, bound, scene), instants, tuple(notes), swings)
+        return ClimbMotion(_replace_bound(posture, bound, scene), instants, tuple(notes), swings)
     raise _build_failure(scene, notes, failure)
 
 
@@ -312,7 +312,7 @@ def _shrink_contact_region(scene: ClimbScene, shortfall: LimbShortfall) -> Climb
 
 
 def _widen_clearance(
-    margins: PostureMargins, collision: _LimbCollision
+    margins: PostureMargins, collision: _LinkCollision
 ) -> tuple[PostureMargins, str]:
     """Widen the clearance of knees, or of the whole limb if its first link comes too close."""
     widening = max(1.2 * collision.shortfall.missing, _MIN_WIDENING)
@@ -323,7 +323,7 @@ def _widen_clearance(
     return margins, f"knee clearance asked {1e3 * margins.knees:.1f} mm wider"
 
 
-class _LimbCollision(Exception):
+class _LinkCollision(Exception):
     """A link collides with an obstacle, standing or on every path of a swing."""
 
     def __init__(
@@ -343,13 +343,13 @@ def _plan_clear_swings(
         return None
     if standing.missing > 1e-9:
         message = f"{standing.where}, {standing.describe(scene)}"
-        raise _LimbCollision(message, standing, None)
+        raise _LinkCollision(message, standing, None)
     try:
         return plan_swing_paths(scene, rounds, instants)
     except SwingBlocked as blocked:
         shortfall = blocked.shortfall
         message = f"{shortfall.where}, swinging, {shortfall.describe(scene)}"
-        raise _LimbCollision(message, shortfall, blocked) from blocked
+        raise _LinkCollision(message, shortfall, blocked) from blocked
 
 
 def _plan_convex_postures(
@@ -431,13 +431,13 @@ def _shrink_stance_ball(scene: ClimbScene, margins: PostureMargins, limb: int) -
 class SupportedMotion:
     """A motion with contact forces that support it at every instant."""
 
-    motion: Motion
-    forces: Forces
+    motion: ClimbMotion
+    forces: InstantForces
 
 
 def plan_support(
     scene: ClimbScene,
-    motion: Motion,
+    motion: ClimbMotion,
     clock: StageClock,
     deadline: float | None = None,
     nodes: float = np.inf,

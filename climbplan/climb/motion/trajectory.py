@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray, spans_of
 from climbplan.climb.clearance.swing import plan_swing_paths
 from climbplan.climb.motion.keyframes import PACKED, Keyframes, build_keyframes
-from climbplan.climb.plan.climb_plan import Forces, Instants, Rounds, Trajectory
+from climbplan.climb.plan.climb_plan import InstantForces, Instants, Rounds, Trajectory
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import ReachFailure, UsageError
@@ -58,7 +58,7 @@ def plan_trajectory(
     scene: MotionScene,
     rounds: Rounds,
     instants: Instants,
-    forces: Forces,
+    forces: InstantForces,
     swings: tuple[Array, ...] | None = None,
 ) -> Trajectory:
     """Plan the trajectory of a motion; see `build_timed_motion`."""
@@ -69,7 +69,7 @@ def build_timed_motion(
     scene: MotionScene,
     rounds: Rounds,
     instants: Instants,
-    forces: Forces,
+    forces: InstantForces,
     swings: tuple[Array, ...] | None = None,
 ) -> TimedMotion:
     """Build body poses and joint commands at a fixed rate, within joint bounds and speeds.
@@ -267,7 +267,7 @@ def _balance_weight_by_grips(
 
 
 @dataclass(frozen=True)
-class _JointMotion:
+class _MotorTrajectory:
     """Joint commands and torques at S states."""
 
     command: Array  # (S, N, J)
@@ -278,7 +278,7 @@ class _JointMotion:
 
 def _compute_joint_motion(
     scene: MotionScene, states: _MotionStates, where: list[str]
-) -> _JointMotion:
+) -> _MotorTrajectory:
     """Compute joint commands that realise toes and forces; raise ReachFailure if impossible."""
     robot = scene.robot
     toes_body = to_body(states.com, states.rpy, states.toes)
@@ -306,7 +306,7 @@ def _compute_joint_motion(
         name = robot.joint_name(int(limb), int(joint))
         reason = f"toe with the planned force: commanded {name} {excess_text}"
         raise ReachFailure(robot.limb_names[limb], reason, 0.0, where[s])
-    return _JointMotion(
+    return _MotorTrajectory(
         command,
         torques + link_torques(robot, states.rpy, angles),
         states.force,

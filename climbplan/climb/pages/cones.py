@@ -13,7 +13,7 @@ RING_POINTS = 40
 
 
 @dataclass(frozen=True)
-class ContactForce:
+class FrictionConeView:
     """One limb's force on the robot and its cone cut at the height of the normal force.
 
     The force's tip lies in the cut: inside the inner ring it keeps S_mu, inside the outer it holds.
@@ -35,7 +35,7 @@ def compute_tangents(normal: Array) -> Array:
     return np.array([first, np.cross(normal, first)])
 
 
-def compute_contact_forces(plan: ClimbPlan, k: int, scale: float) -> tuple[ContactForce, ...]:
+def compute_contact_forces(plan: ClimbPlan, k: int, scale: float) -> tuple[FrictionConeView, ...]:
     """Return forces of the limbs in contact at instant k; scale in metres a newton."""
     instants, force = plan.instants, plan.forces.force[k]
     angle = np.linspace(0, 2 * np.pi, RING_POINTS, endpoint=False)
@@ -50,7 +50,7 @@ def compute_contact_forces(plan: ClimbPlan, k: int, scale: float) -> tuple[Conta
         center = toe + scale * pressing * normal
         radius = scale * pressing * mu
         forces.append(
-            ContactForce(
+            FrictionConeView(
                 limb=int(limb),
                 toe=toe,
                 tip=toe + scale * force[limb],

@@ -12,13 +12,13 @@ from matplotlib.patheffects import withStroke
 
 from climbplan.arrays import Array
 from climbplan.climb.pages.cones import (
-    ContactForce,
+    FrictionConeView,
     compute_contact_forces,
     compute_force_scale,
     select_round_force,
 )
 from climbplan.climb.pages.patches import (
-    Box,
+    AxisAlignedBox,
     choose_oblique_camera,
     compute_hull_points,
     compute_limb_points,
@@ -27,7 +27,7 @@ from climbplan.climb.pages.series import find_minimum, list_drawn_labels
 from climbplan.climb.pages.view import View
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
-from climbplan.reports.camera import Camera
+from climbplan.reports.camera import OrthographicCamera
 from climbplan.reports.sheet import (
     build_panel_grid,
     draw_foot_legend,
@@ -55,17 +55,17 @@ def select_instants(plan: ClimbPlan, count: int = 4) -> list[int]:
     return sorted(set(instants))
 
 
-def _compute_box(plan: ClimbPlan, k: int, forces: tuple[ContactForce, ...]) -> Box:
+def _compute_box(plan: ClimbPlan, k: int, forces: tuple[FrictionConeView, ...]) -> AxisAlignedBox:
     """Return bounds of the robot and its forces at an instant."""
     pose = plan.instants.com[k], plan.instants.rpy[k]
     points = [compute_limb_points(plan, *pose, plan.instants.joint_angles[k]).reshape(-1, 3)]
     points.append(compute_hull_points(plan, *pose))
     points += [np.vstack([f.outer, f.tip[None]]) for f in forces]
     every = np.concatenate(points)
-    return Box(every.min(axis=0) - 0.06, every.max(axis=0) + 0.06)
+    return AxisAlignedBox(every.min(axis=0) - 0.06, every.max(axis=0) + 0.06)
 
 
-def _draw_contact(view: View, force: ContactForce) -> None:
+def _draw_contact(view: View, force: FrictionConeView) -> None:
     """One force with its cone."""
     if np.ptp(force.outer, axis=0).any():
         cone = np.vstack([force.toe[None], force.outer])
@@ -92,7 +92,7 @@ def _draw_contact(view: View, force: ContactForce) -> None:
 
 
 def _draw_labels(
-    view: View, plan: ClimbPlan, acting: tuple[ContactForce, ...], point: float
+    view: View, plan: ClimbPlan, acting: tuple[FrictionConeView, ...], point: float
 ) -> None:
     """Limb and force beside each toe, outside the robot; `point` is the length of one point [m]."""
     center = view.camera.project((view.box.lower + view.box.upper) / 2)
@@ -144,7 +144,7 @@ def _draw_scale_arrow(view: View, scale: float, low: Array) -> None:
 
 
 def _draw_picture(
-    view: View, plan: ClimbPlan, k: int, acting: tuple[ContactForce, ...], point: float
+    view: View, plan: ClimbPlan, k: int, acting: tuple[FrictionConeView, ...], point: float
 ) -> None:
     """The robot and its forces at instant k."""
     instants = plan.instants
@@ -157,7 +157,7 @@ def _draw_picture(
     _draw_labels(view, plan, acting, point)
 
 
-def _project_box(box: Box, camera: Camera) -> Array:
+def _project_box(box: AxisAlignedBox, camera: OrthographicCamera) -> Array:
     """Return the picture (8, 2) of a box's corners."""
     return camera.project(np.array(list(product(*zip(box.lower, box.upper, strict=True)))))
 

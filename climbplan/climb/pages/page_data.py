@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from climbplan.arrays import BoolArray
 from climbplan.climb.pages.cones import compute_force_scale
 from climbplan.climb.pages.patches import (
-    Box,
-    Patch,
+    AxisAlignedBox,
+    SurfacePolygon,
     choose_oblique_camera,
     compute_climb_box,
     compute_limb_points,
@@ -50,11 +50,11 @@ def _encode_mask(rows: BoolArray) -> list[str]:
     return ["".join("1" if flag else "0" for flag in row) for row in rows]
 
 
-def _describe_patch(patch: Patch) -> dict[str, Any]:
+def _describe_patch(patch: SurfacePolygon) -> dict[str, Any]:
     return {"v": np.round(patch.vertices, 4).tolist(), "n": np.round(patch.normal, 4).tolist()}
 
 
-def _describe_solid(solid: Solid, box: Box) -> dict[str, Any]:
+def _describe_solid(solid: Solid, box: AxisAlignedBox) -> dict[str, Any]:
     return {
         "name": solid.name,
         "faces": [_describe_patch(face) for face in list_solid_faces(solid, box)],

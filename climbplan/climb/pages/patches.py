@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.reports.camera import Camera, choose_clear_view
+from climbplan.reports.camera import OrthographicCamera, choose_clear_view
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.solids import Solid
@@ -21,7 +21,7 @@ _ON_FACE = 1e-6  # [m]
 
 
 @dataclass(frozen=True)
-class Box:
+class AxisAlignedBox:
     """Axis-aligned box."""
 
     lower: Array  # (3,) [m]
@@ -38,14 +38,16 @@ class Box:
 
 
 @dataclass(frozen=True)
-class Patch:
+class SurfacePolygon:
     """A flat convex polygon with an outside."""
 
     vertices: Array  # (V, 3) [m]
     normal: Array  # (3,) unit, away from the material
 
 
-def choose_oblique_camera(plan: ClimbPlan, azimuth_deg: float, elevation_deg: float) -> Camera:
+def choose_oblique_camera(
+    plan: ClimbPlan, azimuth_deg: float, elevation_deg: float
+) -> OrthographicCamera:
     """Return a view of the climb from the side where its obstacles hide less of it."""
     corners = [solid.vertices for solid in plan.terrain.obstacles]
     blocks = np.concatenate(corners) if corners else np.empty((0, 3))
@@ -71,7 +73,7 @@ def compute_hull_points(plan: ClimbPlan, com: Array, rpy: Array) -> Array:
     return placed
 
 
-def list_hull_faces(plan: ClimbPlan) -> list[Patch]:
+def list_hull_faces(plan: ClimbPlan) -> list[SurfacePolygon]:
     """Return the faces of the body's hull, body frame."""
     return _list_faces(Solid.from_points("body", plan.robot.body_hull))
 
@@ -83,14 +85,14 @@ def sort_shoulders(plan: ClimbPlan) -> Array:
     return shoulders[np.argsort(np.arctan2(around[:, 1], around[:, 0]))]
 
 
-def compute_climb_box(plan: ClimbPlan) -> Box:
+def compute_climb_box(plan: ClimbPlan) -> AxisAlignedBox:
     """Return bounds of everything the robot does, with a margin [m]."""
     joints = compute_limb_points(
         plan, plan.instants.com, plan.instants.rpy, plan.instants.joint_angles
     ).reshape(-1, 3)
     hulls = compute_hull_points(plan, plan.rounds.com, plan.rounds.rpy).reshape(-1, 3)
     points = np.concatenate([joints, hulls, plan.rounds.toes.reshape(-1, 3)])
-    return Box(points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN)
+    return AxisAlignedBox(points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN)
 
 
 def clip(vertices: Array, solid: Solid) -> Array:
@@ -112,7 +114,7 @@ def clip(vertices: Array, solid: Solid) -> Array:
     return polygon if len(polygon) >= 3 else np.empty((0, 3))
 
 
-def _split_tube(tube: Tube, box: Box) -> list[Patch]:
+def _split_tube(tube: Tube, box: AxisAlignedBox) -> list[SurfacePolygon]:
     """Return upright strips of the tube's wall between the box's heights."""
     lower, upper = max(tube.lower, box.lower[2]), min(tube.upper, box.upper[2])
     if lower >= upper:
@@ -123,11 +125,11 @@ def _split_tube(tube: Tube, box: Box) -> list[Patch]:
     for a, b in pairwise(ring):
         corners = np.array([[*a, lower], [*b, lower], [*b, upper], [*a, upper]])
         inward = np.append(tube.center - (a + b) / 2, 0.0)
-        panels.append(Patch(corners, inward / np.linalg.norm(inward)))
+        panels.append(SurfacePolygon(corners, inward / np.linalg.norm(inward)))
     return panels
 
 
-def list_surface_patches(surface: Surface, box: Box) -> list[Patch]:
+def list_surface_patches(surface: Surface, box: AxisAlignedBox) -> list[SurfacePolygon]:
     """Return the part of a contact surface within a box, as flat patches."""
     if isinstance(surface, Tube):
         return _split_tube(surface, box)
@@ -135,22 +137,22 @@ def list_surface_patches(surface: Surface, box: Box) -> list[Patch]:
         # Where wrists hold grippers before a wall, the wall is what is seen.
         on_wall = surface.material
         vertices = clip(on_wall, box.solid())
-        return [Patch(vertices, surface.normal)] if len(vertices) else []
+        return [SurfacePolygon(vertices, surface.normal)] if len(vertices) else []
     raise TypeError(f"cannot draw a surface of type {type(surface).__name__}")
 
 
-def list_solid_faces(solid: Solid, box: Box) -> list[Patch]:
+def list_solid_faces(solid: Solid, box: AxisAlignedBox) -> list[SurfacePolygon]:
     """Return the faces of the part of a convex solid within a box, corners in order."""
     cut = box.solid()
     if (solid.face_distance(cut.vertices) <= 0).all():
         return []  # the box lies inside: nothing of the solid's surface is seen
-    whole = [Patch(clip(f.vertices, cut), f.normal) for f in _list_faces(solid)]
+    whole = [SurfacePolygon(clip(f.vertices, cut), f.normal) for f in _list_faces(solid)]
     # Where the box cuts the solid, its own faces close the gap.
-    caps = [Patch(clip(f.vertices, solid), f.normal) for f in _list_faces(cut)]
+    caps = [SurfacePolygon(clip(f.vertices, solid), f.normal) for f in _list_faces(cut)]
     return [face for face in (*whole, *caps) if len(face.vertices)]
 
 
-def _list_faces(solid: Solid) -> list[Patch]:
+def _list_faces(solid: Solid) -> list[SurfacePolygon]:
     faces = []
     for normal, offset in zip(solid.A, solid.b, strict=True):
         corners = solid.vertices[np.abs(solid.vertices @ normal - offset) < _ON_FACE]
@@ -160,5 +162,5 @@ def _list_faces(solid: Solid) -> list[Patch]:
         first = around[0] / np.linalg.norm(around[0])
         second = np.cross(normal, first)
         order = np.argsort(np.arctan2(around @ second, around @ first))
-        faces.append(Patch(corners[order], normal))
+        faces.append(SurfacePolygon(corners[order], normal))
     return faces

@@ -16,7 +16,7 @@ TOLERANCE = 1e-3  # [m] largest error of any joint when played by linear interpo
 
 
 @dataclass(frozen=True)
-class Replay:
+class ReplayFrames:
     """Frames to interpolate linearly; joints are femur joint, knee and toe."""
 
     time: Array  # (F,) [s]
@@ -28,7 +28,7 @@ class Replay:
     instant: IntArray  # (F,) planned instant whose forces act, START before the first
 
 
-def build_replay(plan: ClimbPlan) -> Replay:
+def build_replay(plan: ClimbPlan) -> ReplayFrames:
     """Return frames of a plan's trajectory."""
     moving = plan.trajectory
     instant = sample_instants(plan)
@@ -39,7 +39,7 @@ def build_replay(plan: ClimbPlan) -> Replay:
     change = (np.diff(moving.contact, axis=0) != 0).any(axis=1) | (np.diff(instant) != 0)
     forced = np.concatenate([[False], change]) | np.concatenate([change, [False]])
     frames = select_key_frames(moving.time, values, forced, TOLERANCE)
-    return Replay(
+    return ReplayFrames(
         time=moving.time[frames],
         com=moving.com[frames],
         rpy=moving.rpy[frames],

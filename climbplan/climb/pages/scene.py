@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from pathlib import Path as FilePath
+from pathlib import StaticLines as FilePath
 
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.pages.patches import (
-    Box,
+    AxisAlignedBox,
     choose_oblique_camera,
     compute_climb_box,
     list_solid_faces,
     list_surface_patches,
     sort_shoulders,
 )
-from climbplan.climb.pages.replay import Replay, build_replay
+from climbplan.climb.pages.replay import ReplayFrames, build_replay
 from climbplan.climb.pages.series import list_instant_labels
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
@@ -23,12 +23,12 @@ from climbplan.climb.plan.played import START
 from climbplan.reports import palette
 from climbplan.reports.viewer.scene import (
     Boxes,
-    Forces,
-    Path,
+    ForceArrows,
     Rods,
-    Scene,
-    Shape,
     Solids,
+    StaticLines,
+    StaticMesh,
+    ViewerScene,
     build_polygons,
 )
 from climbplan.robots.kinematics import joint_points_body
@@ -37,7 +37,7 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.visual_geometry import BODY, compute_piece_poses, split_by_link
 
 
-def read_scene(path: FilePath) -> Scene:
+def read_scene(path: FilePath) -> ViewerScene:
     """Return the scene of a climb or transition plan file.
 
     Raises PlanFileError for a damaged file.
@@ -47,7 +47,7 @@ def read_scene(path: FilePath) -> Scene:
     rotation = rotation_world_body(frames.rpy)
     box = compute_climb_box(plan)
     camera = choose_oblique_camera(plan, -63.0, 18.0)
-    return Scene(
+    return ViewerScene(
         title=plan.name,
         facts=_list_facts(plan),
         time=frames.time,
@@ -83,7 +83,7 @@ def _note_missing_visuals(plan: ClimbPlan) -> tuple[str, ...]:
     return (f"drawn as capsules: the plan carries no visual geometry of {plan.robot.name}",)
 
 
-def _write_captions(plan: ClimbPlan, frames: Replay) -> tuple[str, ...]:
+def _write_captions(plan: ClimbPlan, frames: ReplayFrames) -> tuple[str, ...]:
     labels, forces = list_instant_labels(plan), plan.forces
     texts = [
         f"{label}: S_tau {torque:.2f}, S_mu {friction:.2f}"
@@ -94,7 +94,7 @@ def _write_captions(plan: ClimbPlan, frames: Replay) -> tuple[str, ...]:
     return tuple("before the first lift" if k == START else texts[k] for k in frames.instant)
 
 
-def _build_terrain(plan: ClimbPlan, box: Box) -> tuple[Shape, ...]:
+def _build_terrain(plan: ClimbPlan, box: AxisAlignedBox) -> tuple[StaticMesh, ...]:
     shapes = []
     for surface in plan.terrain.surfaces:
         corners = [patch.vertices for patch in list_surface_patches(surface, box)]
@@ -108,11 +108,11 @@ def _build_terrain(plan: ClimbPlan, box: Box) -> tuple[Shape, ...]:
     return tuple(shapes)
 
 
-def _build_paths(plan: ClimbPlan) -> tuple[Path, ...]:
+def _build_paths(plan: ClimbPlan) -> tuple[StaticLines, ...]:
     com, toes = plan.rounds.com, plan.rounds.toes
-    body = Path("body", np.stack([com[:-1], com[1:]], axis=1), palette.TRACE)
+    body = StaticLines("body", np.stack([com[:-1], com[1:]], axis=1), palette.TRACE)
     limbs = [
-        Path(
+        StaticLines(
             name,
             np.stack([toes[:-1, limb], toes[1:, limb]], axis=1),
             palette.choose_limb_color(limb),
@@ -122,7 +122,7 @@ def _build_paths(plan: ClimbPlan) -> tuple[Path, ...]:
     return (body, *limbs)
 
 
-def _build_rods(plan: ClimbPlan, frames: Replay, rotation: Array) -> Rods:
+def _build_rods(plan: ClimbPlan, frames: ReplayFrames, rotation: Array) -> Rods:
     robot, count = plan.robot, len(frames.time)
     root = joint_points_body(robot, np.zeros(plan.robot.joint_lower.shape))[:, 0]  # (N, 3)
     shoulder = frames.com[:, None] + np.einsum("fij,nj->fni", rotation, root)
@@ -158,7 +158,7 @@ def _build_rods(plan: ClimbPlan, frames: Replay, rotation: Array) -> Rods:
     )
 
 
-def _build_solids(plan: ClimbPlan, frames: Replay, rotation: Array) -> Solids | None:
+def _build_solids(plan: ClimbPlan, frames: ReplayFrames, rotation: Array) -> Solids | None:
     chain = plan.robot.mechanism
     if plan.looks is None or not isinstance(chain, SerialChain):
         return None
@@ -183,7 +183,7 @@ def _build_solids(plan: ClimbPlan, frames: Replay, rotation: Array) -> Solids | 
     )
 
 
-def _build_body(plan: ClimbPlan, frames: Replay, rotation: Array) -> Boxes:
+def _build_body(plan: ClimbPlan, frames: ReplayFrames, rotation: Array) -> Boxes:
     hull, count = plan.robot.body_hull, len(frames.time)
     lower, upper = hull.min(axis=0), hull.max(axis=0)
     center = frames.com + rotation @ ((lower + upper) / 2)
@@ -191,12 +191,12 @@ def _build_body(plan: ClimbPlan, frames: Replay, rotation: Array) -> Boxes:
     return Boxes(center[:, None], rotation[:, None], size, (palette.BODY,), 0.8)
 
 
-def _build_forces(plan: ClimbPlan, frames: Replay) -> Forces:
+def _build_forces(plan: ClimbPlan, frames: ReplayFrames) -> ForceArrows:
     instants = plan.instants
     acting = frames.instant != START
     k: IntArray = np.where(acting, frames.instant, 0)
     pressing = acting[:, None] & instants.contact[k]  # (F, N)
-    return Forces(
+    return ForceArrows(
         point=frames.joints[:, :, -1],
         force=plan.forces.force[k] * pressing[..., None],
         normal=instants.normal[k] * pressing[..., None],

@@ -17,8 +17,8 @@ from matplotlib.ticker import MaxNLocator
 
 from climbplan.arrays import Array
 from climbplan.climb.pages.patches import (
-    Box,
-    Patch,
+    AxisAlignedBox,
+    SurfacePolygon,
     compute_hull_points,
     compute_limb_points,
     list_solid_faces,
@@ -27,7 +27,7 @@ from climbplan.climb.pages.patches import (
 )
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.reports import palette
-from climbplan.reports.camera import Camera, compute_silhouette
+from climbplan.reports.camera import OrthographicCamera, compute_silhouette
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.surfaces import Region
 
@@ -51,8 +51,8 @@ class View:
     """
 
     ax: Axes
-    camera: Camera
-    box: Box
+    camera: OrthographicCamera
+    box: AxisAlignedBox
     obstacle_alpha: float = 0.85
     cut_walls: bool = False  # walls seen from their edge show their thickness
 
@@ -111,7 +111,7 @@ class View:
             points = np.concatenate([face.vertices for face in faces])
             self.outline(points, _BEHIND, fc=palette.SURFACE, alpha=0.55, lw=0)
 
-    def _obstacle_face(self, face: Patch) -> None:
+    def _obstacle_face(self, face: SurfacePolygon) -> None:
         """One face of an obstacle, lit from above."""
         light = 0.62 + 0.38 * abs(float(face.normal @ np.array([0.30, -0.40, 0.87])))
         color = tuple(light * channel for channel in to_rgb(palette.OBSTACLE))

@@ -77,7 +77,7 @@ class Instants:
 
 
 @dataclass(frozen=True)
-class Forces:
+class InstantForces:
     """Contact forces at the instants and what follows from them."""
 
     force: Array  # (K, N, 3) [N], zero for lifted limbs
@@ -168,7 +168,7 @@ class ClimbPlan(PlanHeader):
     terrain: Terrain
     rounds: Rounds
     instants: Instants
-    forces: Forces
+    forces: InstantForces
     trajectory: Trajectory
     limits: StepLimits
     status: str  # "optimal" or "feasible"

@@ -11,7 +11,7 @@ import numpy as np
 from climbplan.climb.plan import layout
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
-    Forces,
+    InstantForces,
     Instants,
     Rounds,
     Sequences,
@@ -26,7 +26,7 @@ from climbplan.climb.plan.terrain_store import read_terrain, write_terrain
 from climbplan.climb.plan.world_sample import REQUIRED, WorldSample, parse_sample
 from climbplan.robots.model import Robot
 from climbplan.robots.visual_geometry import BODY, VisualGeometry
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets, write_json
 from climbplan.store.root_attributes import (
@@ -40,10 +40,10 @@ from climbplan.store.root_attributes import (
 # How a robot looks, which only pictures read: no check does
 _LOOKS = "looks"
 _LOOKS_LAYOUT = {
-    "vertices": Layout(("*", 3), "m", "body"),
-    "faces": Layout(("*", 3), kind="int"),
-    "limb": Layout(("*",), kind="int"),
-    "joint": Layout(("*",), kind="int"),
+    "vertices": DatasetLayout(("*", 3), "m", "body"),
+    "faces": DatasetLayout(("*", 3), kind="int"),
+    "limb": DatasetLayout(("*",), kind="int"),
+    "joint": DatasetLayout(("*",), kind="int"),
 }
 
 
@@ -169,7 +169,7 @@ def _read(reader: Reader) -> ClimbPlan:
     robot = read_robot(reader)
     rounds = Rounds(**reader.datasets("rounds", layout.ROUNDS))
     instants = Instants(**reader.datasets("instants", layout.INSTANTS))
-    forces = Forces(**reader.datasets("instants", layout.FORCES))
+    forces = InstantForces(**reader.datasets("instants", layout.FORCES))
     if robot.sole is not None:
         pushes = reader.array("instants/corner_force", layout.CORNER_FORCE)
         forces = replace(forces, corner_force=pushes)

@@ -9,40 +9,40 @@ import numpy as np
 
 from climbplan.climb.plan.grips import GripForces, GripPlan, SpineModel
 from climbplan.robots.gripper import Gripper
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader
 from climbplan.store.hdf5_writing import write_dataset, write_datasets
 
 GROUP = "grips"
 INPUTS = 4  # alpha, beta, gamma, friction
 GRIPPER = {
-    "wrist_max_torque": Layout((3,), "N m"),
-    "wrist_lower": Layout((3,), "rad"),
-    "wrist_upper": Layout((3,), "rad"),
+    "wrist_max_torque": DatasetLayout((3,), "N m"),
+    "wrist_lower": DatasetLayout((3,), "rad"),
+    "wrist_upper": DatasetLayout((3,), "rad"),
 }
 GRIPPER_NUMBERS = {"length": "m", "finger_span": "m", "max_force": "N"}
 MODEL = {
-    "state": Layout(("*", INPUTS)),
-    "force": Layout(("*",), "N"),
-    "center": Layout((INPUTS,)),
-    "scale": Layout((INPUTS,)),
+    "state": DatasetLayout(("*", INPUTS)),
+    "force": DatasetLayout(("*",), "N"),
+    "center": DatasetLayout((INPUTS,)),
+    "scale": DatasetLayout((INPUTS,)),
 }
 MODEL_NUMBERS = ("signal", "length", "noise")
-SPINES = Layout(("R",), "N")
-FORCE = Layout(("T", "N", 3), "N", "world")
+SPINES = DatasetLayout(("R",), "N")
+FORCE = DatasetLayout(("T", "N", 3), "N", "world")
 STATES = {"instants": "K", "trajectory": "T"}
 WRISTS = {
-    "wrist_angles": Layout(("K", "N", 3), "rad"),
-    "wrist_torque": Layout(("K", "N", 3), "N m"),
-    "pull_margin": Layout(("K", "N"), "N", may_be_infinite=True),
+    "wrist_angles": DatasetLayout(("K", "N", 3), "rad"),
+    "wrist_torque": DatasetLayout(("K", "N", 3), "N m"),
+    "pull_margin": DatasetLayout(("K", "N"), "N", may_be_infinite=True),
 }
 
 
-def _build_force_layouts(count: str) -> dict[str, Layout]:
+def _build_force_layouts(count: str) -> dict[str, DatasetLayout]:
     return {
-        "grip": Layout((count, "N"), "N"),
-        "palm": Layout((count, "N", 3), "N", "world"),
-        "moment": Layout((count, "N", 3), "N m", "world"),
+        "grip": DatasetLayout((count, "N"), "N"),
+        "palm": DatasetLayout((count, "N", 3), "N", "world"),
+        "moment": DatasetLayout((count, "N", 3), "N m", "world"),
     }
 
 

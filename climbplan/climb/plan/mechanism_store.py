@@ -16,22 +16,22 @@ from climbplan.robots.link_masses import LinkMasses
 from climbplan.robots.mechanism import Mechanism
 from climbplan.robots.model import MountedCapsules, Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader
 from climbplan.store.hdf5_writing import write_dataset, write_datasets
 
 CHAIN = {
-    "joint_zero": Layout(("N", "J", 3), "m", "body"),
-    "axis_zero": Layout(("N", "J", 3), "", "body"),
-    "toe_zero": Layout(("N", 3), "m", "body"),
-    "posture": Layout(("N", "J"), "rad"),
+    "joint_zero": DatasetLayout(("N", "J", 3), "m", "body"),
+    "axis_zero": DatasetLayout(("N", "J", 3), "", "body"),
+    "toe_zero": DatasetLayout(("N", 3), "m", "body"),
+    "posture": DatasetLayout(("N", "J"), "rad"),
 }
 # Of chains with joints that slide, or that follow others, alone
 MORE_OF_CHAIN = {
-    "slide_zero": Layout(("N", "J", 3), "", "body"),
-    "drive": Layout(("N", "J", "J"), ""),
+    "slide_zero": DatasetLayout(("N", "J", 3), "", "body"),
+    "drive": DatasetLayout(("N", "J", "J"), ""),
 }
-_NAMES = Layout(("*",), kind="text")  # limb by limb, J each, empty where a limb has fewer
+_NAMES = DatasetLayout(("*",), kind="text")  # limb by limb, J each, empty where a limb has fewer
 _MASS_OFF = 1e-9  # of the whole, by which masses together may differ from it
 _UNIT = 1e-6  # by which the length of an axis may differ from one
 
@@ -190,8 +190,8 @@ def _read_five_bar(reader: Reader) -> FiveBar:
     if not min(numbers[name] for name in lengths) > 0:
         raise reader.refuse(f"{where}: expected lengths above zero")
     return FiveBar(
-        reader.array("robot/shoulder_body", Layout(("N", 3), "m", "body")),
-        reader.array("robot/mount_yaw", Layout(("N",), "rad", "body")),
+        reader.array("robot/shoulder_body", DatasetLayout(("N", 3), "m", "body")),
+        reader.array("robot/mount_yaw", DatasetLayout(("N",), "rad", "body")),
         Linkage(**numbers),
     )
 

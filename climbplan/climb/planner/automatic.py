@@ -15,7 +15,11 @@ from dataclasses import dataclass, field, replace
 
 from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.planner.trials import Trial, generate_further_trials, select_first_trial
+from climbplan.climb.planner.trials import (
+    MethodVariant,
+    generate_further_trials,
+    select_first_trial,
+)
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.climb.schema.loading import LoadedClimb
@@ -46,7 +50,7 @@ PlanByMethod = Callable[[LoadedClimb, float], ClimbPlan]
 class FailedTrial:
     """A trial that led to no verified plan, with its error and duration."""
 
-    trial: Trial
+    trial: MethodVariant
     error: NoPlanFound
     seconds: float
 
@@ -117,7 +121,7 @@ class TrialSearch:
         """Return the time [s] until the given fraction of the time limit is used."""
         return self.begin + fraction * self.limit - time.monotonic()
 
-    def plan_and_verify(self, trial: Trial, seconds: float) -> ClimbPlan | None:
+    def plan_and_verify(self, trial: MethodVariant, seconds: float) -> ClimbPlan | None:
         """Return the verified plan of a trial, or None after recording the failure."""
         start = time.monotonic()
         try:
@@ -145,7 +149,7 @@ class TrialSearch:
         return plan
 
 
-def apply_choices(loaded: LoadedClimb, trial: Trial) -> LoadedClimb:
+def apply_choices(loaded: LoadedClimb, trial: MethodVariant) -> LoadedClimb:
     """Return the climb with a trial's choices in its text, and with its method.
 
     The text leaves the method open, so that the method is set in the parsed spec alone.
@@ -221,7 +225,7 @@ def plan_automatically(
 
 
 def _add_provenance_warning(
-    plan: ClimbPlan, trial: Trial, first_trial_failure: FailedTrial
+    plan: ClimbPlan, trial: MethodVariant, first_trial_failure: FailedTrial
 ) -> ClimbPlan:
     """Return the plan with a warning that says which trial found it."""
     first_name, reason = first_trial_failure.trial.name, first_trial_failure.failure_summary

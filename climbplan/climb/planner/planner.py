@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.climb.motion.in_hand import plan_with_torque_reserve
 from climbplan.climb.motion.motion import StageClock, plan_motion, plan_support
-from climbplan.climb.plan.climb_plan import ClimbPlan, Forces, StepLimits
+from climbplan.climb.plan.climb_plan import ClimbPlan, InstantForces, StepLimits
 from climbplan.climb.planner.start_from_plan import resolve_start_plan
 from climbplan.climb.planner.summary import format_summary
 from climbplan.climb.planner.visual_geometry import load_visual_geometry
@@ -196,7 +196,7 @@ def _require_support(scene: ClimbScene) -> None:
         )
 
 
-def describe_deflection(forces: Forces) -> tuple[str, ...]:
+def describe_deflection(forces: InstantForces) -> tuple[str, ...]:
     """Return the warning that an uncompensated body moves, by the linear model of eq. (4.11).
 
     The result is empty where forces deflect no body. The tuple has at most one entry.

@@ -32,7 +32,12 @@ from climbplan.climb.postures.outer_relaxation import (
     find_stated_toes,
 )
 from climbplan.climb.postures.travel_distance import find_excessive_travel
-from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene, Stance, compute_load_wrench
+from climbplan.climb.scene.climb_scene import (
+    ClimbScene,
+    ClimbStance,
+    MotionScene,
+    compute_load_wrench,
+)
 from climbplan.climb.schema.model import PostureSpec
 from climbplan.errors import Conflict, Infeasible, Remedy
 from climbplan.robots.rotations import rotation_world_body
@@ -180,7 +185,11 @@ def _suggest_nearer(posture: PostureSpec, name: str) -> tuple[Remedy, ...]:
 
 
 def _measure_min_distance(
-    scene: MotionScene, stance: Stance, limb: int, has_stated_toe: bool, rotation_is_fixed: bool
+    scene: MotionScene,
+    stance: ClimbStance,
+    limb: int,
+    has_stated_toe: bool,
+    rotation_is_fixed: bool,
 ) -> float:
     """Return the smallest distance [m] from a limb's shoulder to its toe, or to any region for it.
 

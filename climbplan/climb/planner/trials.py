@@ -28,7 +28,7 @@ _FORCE_STAGES = ("force", "trajectory")  # that ask for postures chosen together
 
 
 @dataclass(frozen=True)
-class Trial:
+class MethodVariant:
     """A method together with choices of what the spec leaves open."""
 
     name: str  # for people: "micp", "nlp, trajectory.swing_clearance=0.03"
@@ -36,16 +36,16 @@ class Trial:
     choices: tuple[Override, ...] = ()
 
 
-def select_first_trial(scene: ClimbScene) -> Trial:
+def select_first_trial(scene: ClimbScene) -> MethodVariant:
     """Return the global method where it can state the climb, else the one with exact rotations."""
     if select_window(scene) is not None:
-        return Trial("windows", "auto")  # each by the first method that has a plan for it
+        return MethodVariant("windows", "auto")  # each by the first method that has a plan for it
     steps = scene.spec.posture.steps
     convex = not scene.terrain.is_curved and steps.com_min == 0 and steps.toe_min == 0
-    return Trial("micp", "micp") if convex else Trial("nlp", "nlp")
+    return MethodVariant("micp", "micp") if convex else MethodVariant("nlp", "nlp")
 
 
-def generate_further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[Trial]:
+def generate_further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[MethodVariant]:
     """Yield the trials that the failure of the first one suggests, the likeliest first."""
     first = select_first_trial(scene).method
     if first == "auto":
@@ -61,13 +61,13 @@ def generate_further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[T
         yield _build_trial(first, com_shift)
         for order in (choice for choice in helpful if choice.key == "task.gait"):
             name = f"{_build_trial(first, com_shift).name}, {order.key}={order.value}"
-            yield Trial(name, first, (com_shift, order))
+            yield MethodVariant(name, first, (com_shift, order))
     # Choices cost a run of the global method each, other methods tend to cost more
     if not _needs_choices(error):
-        yield from (Trial(method, method) for method in methods)
+        yield from (MethodVariant(method, method) for method in methods)
         methods = ()
     yield from (_build_trial(first, choice) for choice in helpful)
-    yield from (Trial(method, method) for method in methods)
+    yield from (MethodVariant(method, method) for method in methods)
     if error.stage != "force" and "nlp" in _select_methods(scene, error):
         yield from (_build_trial("nlp", choice) for choice in helpful)
 
@@ -110,9 +110,9 @@ def _may_help(choice: Override, error: NoPlanFound) -> bool:
     return not error.blocks.isdisjoint(affected_blocks[choice.key])
 
 
-def _build_trial(method: str, choice: Override) -> Trial:
+def _build_trial(method: str, choice: Override) -> MethodVariant:
     """Return a trial of a method with one choice."""
-    return Trial(f"{method}, {choice.key}={choice.value}", method, (choice,))
+    return MethodVariant(f"{method}, {choice.key}={choice.value}", method, (choice,))
 
 
 def _generate_choices(scene: ClimbScene) -> Iterator[Override]:

@@ -79,7 +79,7 @@ def find_closed_passage(scene: ClimbScene) -> Iterator[Conflict]:
 
 def _find_buried_ends(scene: ClimbScene) -> Iterator[Conflict]:
     """Yield a conflict for start and goal whose level body is in no piece of free space."""
-    free_space = _FreeSpace(scene)
+    free_space = _OriginClearance(scene)
     for name, stance in (("start", scene.start), ("goal", scene.goal)):
         for index, choice in enumerate(scene.terrain.free_choices):
             violations = free_space.compute_violations(index, stance.com)
@@ -109,7 +109,7 @@ def find_widest_path(scene: ClimbScene) -> Bottleneck | None:
     count = int(np.prod([len(choice) for choice in choices])) if choices else 0
     if not 0 < count <= _MAX_PIECES:
         return None
-    free_space = _FreeSpace(scene)
+    free_space = _OriginClearance(scene)
     pieces = list(itertools.product(*(range(len(choice)) for choice in choices)))
     # Dijkstra for the bottleneck: the least of -room along the way, largest first
     heap: list[tuple[float, Piece, tuple[Piece, ...]]] = [
@@ -161,7 +161,7 @@ def _name_alternatives(
     return tuple(dict.fromkeys(names))
 
 
-class _FreeSpace:
+class _OriginClearance:
     """The clearance that pieces of free space leave to the level body's origin."""
 
     def __init__(self, scene: ClimbScene) -> None:

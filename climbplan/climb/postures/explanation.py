@@ -16,14 +16,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.scene.climb_scene import ClimbScene, Stance, compute_toe_normals
+from climbplan.climb.scene.climb_scene import ClimbScene, ClimbStance, compute_toe_normals
 from climbplan.errors import Conflict, ReachFailure, Remedy, Unresolved
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.robots.kinematics import require_reachable, sole_turns, to_body
 
 if TYPE_CHECKING:
-    from climbplan.solvers.elastic import Violations
+    from climbplan.solvers.elastic import ElasticSolution
 
 _MAX_CONFLICTS = 6  # violations listed
 _MIN_VIOLATION = 5e-4  # [m or rad] below which a violation is not worth a line
@@ -194,7 +194,7 @@ def _find_unreachable_stances(scene: ClimbScene) -> Iterator[Conflict]:
             yield Conflict(f"{name} posture", (_describe_unreachable_toe(failure),), in_words=True)
 
 
-def _transform_toes_to_body(stance: Stance) -> Array:
+def _transform_toes_to_body(stance: ClimbStance) -> Array:
     """Return the toes (N, 3) of a stance in the body frame."""
     return to_body(stance.com, stance.rpy, stance.toes)
 
@@ -227,7 +227,7 @@ ViolationEntry = tuple[float, str, tuple[int, ...], str]
 """Amount [m or rad], block, entry of the block, and the alternative that was chosen there."""
 
 
-def _collect_violations(program: Program, violations: Violations) -> list[ViolationEntry]:
+def _collect_violations(program: Program, violations: ElasticSolution) -> list[ViolationEntry]:
     """Return all violations above the reporting threshold, largest first."""
     entries: list[ViolationEntry] = []
     blocks = program.blocks
@@ -261,7 +261,7 @@ def _collect_violations(program: Program, violations: Violations) -> list[Violat
 
 
 def describe_violations(
-    scene: ClimbScene, program: Program, violations: Violations
+    scene: ClimbScene, program: Program, violations: ElasticSolution
 ) -> Iterator[Conflict]:
     """Yield the largest violations as conflicts, one line each.
 
@@ -278,7 +278,7 @@ def describe_violations(
 
 
 def suggest_changes(
-    scene: ClimbScene, program: Program, violations: Violations
+    scene: ClimbScene, program: Program, violations: ElasticSolution
 ) -> tuple[Remedy, ...]:
     """Return one change of the spec per violated block, sufficient for its largest violation."""
     changes: dict[str, Remedy] = {}

@@ -34,7 +34,7 @@ class Knee:
 
 
 @dataclass(frozen=True)
-class LimbShape:
+class LimbKeyPoints:
     """The points of a limb that have to be beyond an obstacle's face, body frame."""
 
     shoulder: Array  # (3,) [m]
@@ -42,7 +42,7 @@ class LimbShape:
     knee: Knee | None  # None where the nominal stance, or the toe lifted off it, is out of reach
 
 
-def linearise_limb(scene: ClimbScene, limb: int, reference: Array) -> LimbShape:
+def linearise_limb(scene: ClimbScene, limb: int, reference: Array) -> LimbKeyPoints:
     """Linearise the kinematics of a limb about the nominal stance of the robot.
 
     Args:
@@ -77,7 +77,9 @@ def linearise_limb(scene: ClimbScene, limb: int, reference: Array) -> LimbShape:
             toe_jacobian=(knees[1:4] - knees[4:7]).T / (2 * _DIFFERENCE_STEP),
             lift_offsets=knees[7:] - knees[0],
         )
-    return LimbShape(robot.shoulder_body[limb], _bound_knee_height(robot, limb, knee_joint), knee)
+    return LimbKeyPoints(
+        robot.shoulder_body[limb], _bound_knee_height(robot, limb, knee_joint), knee
+    )
 
 
 def _find_knee_joint(robot: Robot, points: Array) -> int:

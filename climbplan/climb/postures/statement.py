@@ -29,7 +29,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.clearance.limbs import compute_standing_clearance
 from climbplan.climb.postures.coxa_wedges import add_coxa_wedges
-from climbplan.climb.postures.limb_shape import LimbShape, linearise_limb
+from climbplan.climb.postures.limb_shape import LimbKeyPoints, linearise_limb
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.program import Polytope, Program
 from climbplan.program.affine_array import AffineArray
@@ -141,7 +141,7 @@ def build_body_polytope(
 
 def build_limb_polytopes(
     solid: Solid,
-    limb: LimbShape,
+    limb: LimbKeyPoints,
     clearance: float,
     knee_clearance: float,
     rotation: LinearisedRotation,

@@ -9,8 +9,8 @@ import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.world_sample import WorldSample
-from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.urdf.proposal.postures import LeggedPosture
+from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
 
 NEGLIGIBLE_MARGIN = 0.01  # fraction of margins: plans with no more may fall, motors at their limits
 TARGET_STANDING = (
@@ -22,15 +22,15 @@ SampleWorlds = Callable[[ClimbPlan], WorldSample | None]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class SpecOutcome:
     """The outcome of a spec."""
 
     what: str  # "walks on ground"
     plan: ClimbPlan | None  # that is verified
     why: str  # there is none
     text: str = ""  # of the spec; empty where there is none
-    brace: Posture | None = None  # between its walls
-    proposal: Proposal | None = None  # the robot, where its file is another than as it stands
+    brace: LeggedPosture | None = None  # between its walls
+    proposal: RobotProposal | None = None  # the robot, where its file is another than as it stands
     sample: WorldSample | None = None  # of worlds, where they were played
     implausible: tuple[str, ...] = ()  # deflections that no such robot has
     needed: str = ""  # what would have it stand in enough worlds

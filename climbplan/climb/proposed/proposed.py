@@ -11,14 +11,14 @@ from pathlib import Path
 
 from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.planner.planner import plan_climb
-from climbplan.climb.proposed.outcome import NEGLIGIBLE_MARGIN, Outcome, SampleWorlds
+from climbplan.climb.proposed.outcome import NEGLIGIBLE_MARGIN, SampleWorlds, SpecOutcome
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, SpecError, UsageError
 from climbplan.robots.urdf.proposal.bracing_search import place_on_ground, propose_bracing_postures
-from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.urdf.proposal.postures import LeggedPosture
+from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
 from climbplan.robots.urdf.proposal.robot_document import format_robot_document, format_urdf_path
 from climbplan.robots.urdf.proposal.spec_documents import (
     format_chimney_document,
@@ -49,7 +49,9 @@ _WALL_METHOD = (
 )
 
 Report = Callable[[str], None]
-FormatDocument = Callable[[Proposal, str, Posture], str]  # of a robot, its file, and how it braces
+FormatDocument = Callable[
+    [RobotProposal, str, LeggedPosture], str
+]  # of a robot, its file, and how it braces
 
 
 @dataclass(frozen=True)
@@ -57,10 +59,10 @@ class PlannedProposal:
     """The files of a proposal by name, and the outcomes of their specs."""
 
     name: str
-    proposal: Proposal  # in the standing posture that was settled on
+    proposal: RobotProposal  # in the standing posture that was settled on
     files: dict[str, str]
-    outcomes: tuple[Outcome, ...]  # of a walk on ground first
-    brace: Posture | None  # between walls that it climbs
+    outcomes: tuple[SpecOutcome, ...]  # of a walk on ground first
+    brace: LeggedPosture | None  # between walls that it climbs
     walks: bool  # whether a walk at speed may be asked of it
 
 
@@ -68,7 +70,7 @@ class ProposalTrials:
     """Plans the specs of one proposed robot in a folder of its own."""
 
     def __init__(
-        self, proposal: Proposal, folder: Path, sample_worlds: SampleWorlds = lambda plan: None
+        self, proposal: RobotProposal, folder: Path, sample_worlds: SampleWorlds = lambda plan: None
     ) -> None:
         """Select the standing posture of largest clearance in which the robot walks on ground.
 
@@ -84,7 +86,7 @@ class ProposalTrials:
         self.bracing_file = f"{self.name}_bracing.yaml"
         self.wall_bracing_file = f"{self.name}_wall_bracing.yaml"
         self._write_robot(proposal)
-        self._alternatives: list[Proposal] | None = None
+        self._alternatives: list[RobotProposal] | None = None
         self.ground = first = self._plan_walk()
         if first.plan is not None:
             return
@@ -96,7 +98,7 @@ class ProposalTrials:
         self._write_robot(proposal)
         self.ground = first
 
-    def list_alternatives(self) -> list[Proposal]:
+    def list_alternatives(self) -> list[RobotProposal]:
         """List the robot in its other standing postures, by decreasing clearance."""
         if self._alternatives is None:
             self._alternatives = list(
@@ -106,19 +108,19 @@ class ProposalTrials:
             alternative for alternative in self._alternatives if alternative is not self.proposal
         ]
 
-    def _write_robot(self, proposal: Proposal) -> None:
+    def _write_robot(self, proposal: RobotProposal) -> None:
         """Write the robot file, which later plans use."""
         self.proposal = proposal
         text = format_robot_document(proposal, str(proposal.draft.urdf), "")
         (self.folder / self.robot_file).write_text(text, encoding="utf-8")
 
-    def _plan_walk(self) -> Outcome:
+    def _plan_walk(self) -> SpecOutcome:
         """Plan a few steps on flat ground."""
         return self._plan_spec(
             "walks on ground", format_ground_document(self.proposal, self.robot_file)
         )
 
-    def plan_stairs(self) -> Outcome:
+    def plan_stairs(self) -> SpecOutcome:
         """Plan a walk up two stairs, with the body pitched with the stance, or else level.
 
         If there is no plan in the ground posture the other standing postures are tried, then
@@ -139,8 +141,8 @@ class ProposalTrials:
             outcome = self._plan_spec("walks up stairs", text)
         return first if outcome.plan is None else outcome
 
-    def _plan_stairs_once(self) -> Outcome:
-        first: Outcome | None = None
+    def _plan_stairs_once(self) -> SpecOutcome:
+        first: SpecOutcome | None = None
         for leans in (True, False):
             text = format_stairs_document(self.proposal, self.robot_file, leans)
             if first is not None and text == first.text:
@@ -152,7 +154,7 @@ class ProposalTrials:
         assert first is not None
         return first
 
-    def plan_chimney(self, report: Report) -> Outcome:
+    def plan_chimney(self, report: Report) -> SpecOutcome:
         """Plan a climb between walls and select the posture of the best plan.
 
         The search ends at a plan without a fall in nearly all sampled worlds, or, without samples,
@@ -168,7 +170,7 @@ class ProposalTrials:
             task, first, report, _MIN_MARGIN_FRACTION, self.bracing_file, format_chimney_document
         )
 
-    def _try_larger_margins(self, first: Outcome, report: Report) -> Outcome:
+    def _try_larger_margins(self, first: SpecOutcome, report: Report) -> SpecOutcome:
         """Plan with larger margins if a plan keeps all of them but falls in too many worlds."""
         best = first
         for margins in _LARGER_MARGINS:
@@ -188,12 +190,12 @@ class ProposalTrials:
     def _try_alternative_postures(
         self,
         task: str,
-        first: Outcome,
+        first: SpecOutcome,
         report: Report,
         min_margin_fraction: float,
         file: str,
         document: FormatDocument,
-    ) -> Outcome:
+    ) -> SpecOutcome:
         """Try postures that bend the limbs differently, with a robot file of their own.
 
         first: the outcome with limbs bent as the robot stands, which stays if it keeps margins.
@@ -201,7 +203,7 @@ class ProposalTrials:
         if first.margin_fraction > NEGLIGIBLE_MARGIN and not first.implausible:
             return first
         report(f"planning: {task}, limbs bent otherwise than it stands")
-        best: Outcome | None = None
+        best: SpecOutcome | None = None
         for alternative in propose_bracing_postures(self.proposal, _MAX_ALTERNATIVE_POSTURES):
             robot = format_robot_document(alternative, str(alternative.draft.urdf), "")
             (self.folder / file).write_text(robot, encoding="utf-8")
@@ -218,7 +220,7 @@ class ProposalTrials:
             return first
         return best
 
-    def plan_wall(self, report: Report) -> Outcome:
+    def plan_wall(self, report: Report) -> SpecOutcome:
         """Plan a transition from the ground to walls; postures are selected as for climbs."""
         task = "goes from the ground to walls"
         limits = _MAX_WALL_PLANS, _MAX_WALL_POSTURES
@@ -226,7 +228,7 @@ class ProposalTrials:
             task, format_wall_document, report, _WALL_MIN_MARGIN_FRACTION, limits
         )
 
-        def document(proposal: Proposal, file: str, brace: Posture) -> str:
+        def document(proposal: RobotProposal, file: str, brace: LeggedPosture) -> str:
             return format_wall_document(place_on_ground(proposal, self.proposal), file, brace)
 
         return self._try_alternative_postures(
@@ -240,9 +242,9 @@ class ProposalTrials:
         report: Report,
         min_margin_fraction: float,
         limits: tuple[int, int],
-    ) -> Outcome:
+    ) -> SpecOutcome:
         """Plan with bracing postures in turn; limits: on plans, and on postures."""
-        best: Outcome | None = None
+        best: SpecOutcome | None = None
         planned = 0
         plans, postures = limits
         for number, posture in enumerate(_mix_by_friction(self.proposal.braces)[:postures], 1):
@@ -258,9 +260,9 @@ class ProposalTrials:
         if best is not None:
             return best
         why = f"no posture between walls was found{self.proposal.brace_failure}"
-        return Outcome(task, None, why)
+        return SpecOutcome(task, None, why)
 
-    def _plan_spec(self, task: str, text: str, brace: Posture | None = None) -> Outcome:
+    def _plan_spec(self, task: str, text: str, brace: LeggedPosture | None = None) -> SpecOutcome:
         """Plan and verify a spec; the outcome states why there is no plan."""
         path = self.folder / "spec.yaml"
         path.write_text(text, encoding="utf-8")
@@ -270,19 +272,19 @@ class ProposalTrials:
             else:
                 plan = plan_climb(load_climb(path, _METHOD), nodes=_MAX_NODES)
         except (NoPlanFound, SpecError, UsageError) as error:
-            return Outcome(task, None, _summarise_failure(error), text, brace)
+            return SpecOutcome(task, None, _summarise_failure(error), text, brace)
         verification = verify_plan(plan)
         if not verification.passed:
             why = f"the plan fails its verification: {verification.headline()}"
-            return Outcome(task, None, why, text, brace)
+            return SpecOutcome(task, None, why, text, brace)
         implausible = verification.implausible
-        return Outcome(
+        return SpecOutcome(
             task, plan, "", text, brace, sample=self._sample_worlds(plan), implausible=implausible
         )
 
 
 def plan_proposal(
-    proposal: Proposal,
+    proposal: RobotProposal,
     directory: Path,
     report: Report,
     sample_worlds: SampleWorlds = lambda plan: None,
@@ -334,9 +336,9 @@ def _summarise_failure(error: Exception) -> str:
     return "; ".join(line for line in lines if line)
 
 
-def _mix_by_friction(braces: tuple[Posture, ...]) -> list[Posture]:
+def _mix_by_friction(braces: tuple[LeggedPosture, ...]) -> list[LeggedPosture]:
     """Mix the best postures of each friction, to include postures on rougher walls."""
-    by_friction: dict[float, list[Posture]] = {}
+    by_friction: dict[float, list[LeggedPosture]] = {}
     for brace in braces:
         by_friction.setdefault(brace.friction, []).append(brace)
     return [

@@ -97,7 +97,7 @@ SURFACE_TOLERANCE = 1e-3  # [m] stated toes must lie this close to a surface; th
 
 
 @dataclass(frozen=True)
-class Stance:
+class ClimbStance:
     """One posture: body pose and toes on surfaces."""
 
     com: Array  # (3,) [m]
@@ -113,8 +113,8 @@ class MotionScene:
     spec: MotionSpec
     robot: Robot
     terrain: Terrain
-    start: Stance
-    goal: Stance
+    start: ClimbStance
+    goal: ClimbStance
     grippers: Grippers | None = field(default=None, kw_only=True)
 
 
@@ -152,7 +152,7 @@ def build_stance(
     terrain: Terrain,
     mistakes: list[SpecMistake],
     lift: float = 0.0,
-) -> Stance:
+) -> ClimbStance:
     """Return stated toes, or the surface points nearest to the limbs' nominal stances.
 
     Where joint bounds do not let a limb stand there, or lift its toe, the nearest feasible point is
@@ -191,7 +191,7 @@ def build_stance(
                     f"it is {1e3 * distance:.2f} mm off {surface.name!r}",
                 )
             )
-    return Stance(com, rpy, toes, region)
+    return ClimbStance(com, rpy, toes, region)
 
 
 def _place_stated_toe(
@@ -225,13 +225,13 @@ def compute_toe_normals(terrain: Terrain, toes: Array, region: IntArray) -> Arra
 
 
 def _move_onto_footing(
-    stance: Stance,
+    stance: ClimbStance,
     posture: PostureSpec,
     robot: Robot,
     terrain: Terrain,
     trimmed_regions: tuple[Region, ...],
     lift: float,
-) -> Stance:
+) -> ClimbStance:
     """Return the stance with unstated toes moved off edges and onto surfaces of sufficient
     friction.
 
@@ -352,7 +352,7 @@ def compute_load_wrench(spec: MotionSpec, robot: Robot, rpy: Array) -> Array:
     return np.concatenate([force, moment], axis=-1)
 
 
-def warn_of_reversed_regions(terrain: Terrain, stances: tuple[Stance, ...]) -> None:
+def warn_of_reversed_regions(terrain: Terrain, stances: tuple[ClimbStance, ...]) -> None:
     """Warn of regions that face away from the robot at start and goal.
 
     A region supports what pushes against its normal. If its corners run clockwise, seen from the

@@ -32,7 +32,7 @@ from climbplan.scan.body_holds import (
     format_body_summary,
 )
 from climbplan.scan.contact_regions import FoundRegion, find_contact_regions
-from climbplan.scan.free_space import FreeSpace, inflate_free_space, split_path
+from climbplan.scan.free_space import ConvexFreeRegion, inflate_free_space, split_path
 from climbplan.scan.holds import Grasping, find_wall_holds
 from climbplan.scan.orienting import orient_to_free_space
 from climbplan.scan.panel import build_panel, format_wall_summary
@@ -320,7 +320,9 @@ def _build_region_spec(number: int, region: FoundRegion, scan: ScanSpec) -> dict
     return region_spec
 
 
-def _find_free_spaces(loaded: LoadedClimb | LoadedTransition, raw: RawScan) -> list[FreeSpace]:
+def _find_free_spaces(
+    loaded: LoadedClimb | LoadedTransition, raw: RawScan
+) -> list[ConvexFreeRegion]:
     """Return free space along the path; raise SpecError where the body does not pass."""
     spec, guide, robot = loaded.spec, build_guide(loaded.spec), build_robot(loaded.robot)
     hulls = [
@@ -341,7 +343,7 @@ def _find_free_spaces(loaded: LoadedClimb | LoadedTransition, raw: RawScan) -> l
     return spaces
 
 
-def _build_space_spec(number: int, space: FreeSpace) -> dict[str, object]:
+def _build_space_spec(number: int, space: ConvexFreeRegion) -> dict[str, object]:
     """Return a free space as a spec states it."""
     return {"name": f"free {number}", "vertices": space.vertices.tolist()}
 

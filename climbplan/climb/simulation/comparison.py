@@ -16,7 +16,7 @@ from climbplan.climb.simulation.control.feedforward import compute_links_moment
 from climbplan.climb.simulation.control.planned_pressure import compute_planned_pressure
 from climbplan.climb.simulation.grips.gripping import find_closed_grippers
 from climbplan.climb.simulation.instant_samples import find_instant_samples
-from climbplan.climb.simulation.replay import Run
+from climbplan.climb.simulation.replay import RecordedRun
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import Conditions
@@ -35,7 +35,7 @@ _WINDOW = 3  # samples up to an instant, whose median is compared
 
 
 @dataclass(frozen=True)
-class Slip:
+class LimbSlip:
     """A standing toe that slid."""
 
     limb: int
@@ -45,7 +45,7 @@ class Slip:
 
 
 @dataclass(frozen=True)
-class LostContact:
+class LimbLostContact:
     """A toe that should press and does not touch."""
 
     limb: int
@@ -55,7 +55,7 @@ class LostContact:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class PlanComparison:
     """Simulated and planned values at the K instants of the plan that were reached."""
 
     instant: IntArray  # (K,)
@@ -70,8 +70,8 @@ class Comparison:
     sag: Array  # (K, 3) planned com - simulated, once it is at rest [m]
     sag_predicted: Array  # (K, 3) by the nonlinear static equilibrium under the run's own load [m]
     lag: Array  # (K, 3) body at rest - body passing by: how far motors trail their commands [m]
-    slips: tuple[Slip, ...]
-    lost_contacts: tuple[LostContact, ...]
+    slips: tuple[LimbSlip, ...]
+    lost_contacts: tuple[LimbLostContact, ...]
 
     @property
     def min_torque(self) -> float:
@@ -96,7 +96,7 @@ class Comparison:
         return np.asarray(error[size > MIN_SAG] / size[size > MIN_SAG])
 
 
-def compare(plan: ClimbPlan, run: Run) -> Comparison:
+def compare(plan: ClimbPlan, run: RecordedRun) -> PlanComparison:
     """Compare a run with its plan at the instants that it reached before a fall."""
     instant_samples, unit = find_instant_samples(plan), plan.robot.joint_unit
     reached = np.flatnonzero(
@@ -111,7 +111,7 @@ def compare(plan: ClimbPlan, run: Run) -> Comparison:
     critical = np.full(normal.shape, np.inf)
     np.divide(shear, normal, out=critical, where=normal > 0)
     critical[~contact] = 0.0
-    return Comparison(
+    return PlanComparison(
         instant=reached,
         sample=sample,
         torque=torque,
@@ -171,7 +171,7 @@ def _replace_stiffness(plan: ClimbPlan, stiffness: Array) -> Robot:
     return replace(plan.robot, joint_stiffness=stiffness)
 
 
-def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
+def find_slips(plan: ClimbPlan, run: RecordedRun) -> tuple[LimbSlip, ...]:
     """Find toes that slid by more than SLIP in their stance; rolling of spherical feet is no slip.
 
     A toe may slide at the end of its stance, where it is planned to press by less than
@@ -181,7 +181,7 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
         return ()
     instant = sample_instants(plan)[: run.samples]
     contact = find_stance(plan)[: run.samples]
-    slips: list[Slip] = []
+    slips: list[LimbSlip] = []
     for limb in range(plan.robot.limb_count):
         for first, last in spans_of(contact[:, limb]):
             contact_samples = np.flatnonzero(run.touching[first:last, limb])
@@ -197,7 +197,7 @@ def find_slips(plan: ClimbPlan, run: Run) -> tuple[Slip, ...]:
             if slip_distance.max(initial=0.0) > SLIP:
                 onset = start + int(np.argmax(slip_distance > SLIP))
                 slips.append(
-                    Slip(
+                    LimbSlip(
                         limb,
                         float(run.time[onset]),
                         int(instant[onset]),
@@ -220,7 +220,7 @@ def find_stance(plan: ClimbPlan) -> BoolArray:
     return contact
 
 
-def find_losses(plan: ClimbPlan, run: Run) -> tuple[LostContact, ...]:
+def find_losses(plan: ClimbPlan, run: RecordedRun) -> tuple[LimbLostContact, ...]:
     """Find toes without contact for more than MIN_LOSS_DURATION while they should press.
 
     A push ends in the lift of the next limb, so the plan must press at both instants.
@@ -238,12 +238,12 @@ def find_losses(plan: ClimbPlan, run: Run) -> tuple[LostContact, ...]:
             np.full(is_standing.shape, np.inf),
         )
     missing = np.asarray(is_standing & (pressed > MIN_DETECTED_PRESSURE) & ~run.touching, bool)
-    losses: list[LostContact] = []
+    losses: list[LimbLostContact] = []
     for limb in range(plan.robot.limb_count):
         for first, last in spans_of(missing[:, limb]):
             duration = float(run.time[last - 1] - run.time[first])
             if duration > MIN_LOSS_DURATION:
                 losses.append(
-                    LostContact(limb, float(run.time[first]), int(instant[first]), duration)
+                    LimbLostContact(limb, float(run.time[first]), int(instant[first]), duration)
                 )
     return tuple(sorted(losses, key=lambda s: s.time))

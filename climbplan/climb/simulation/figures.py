@@ -11,9 +11,9 @@ from matplotlib.patches import Patch
 
 from climbplan.climb.pages.series import find_spans
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.simulation.comparison import Comparison
+from climbplan.climb.simulation.comparison import PlanComparison
 from climbplan.climb.simulation.instant_samples import find_instant_samples
-from climbplan.climb.simulation.replay import Run
+from climbplan.climb.simulation.replay import RecordedRun
 from climbplan.climb.simulation.sweep import SweepPoint
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
@@ -29,7 +29,7 @@ from climbplan.reports.sheet import (
 _MAX_SHOWN_MU = 1.6  # friction axis, in units of the terrain's coefficient
 
 
-def plot_leg(plan: ClimbPlan, run: Run, limb: int) -> Figure:
+def plot_leg(plan: ClimbPlan, run: RecordedRun, limb: int) -> Figure:
     """Plot worst motor torque and critical friction of one leg: planned, simulated, limits."""
     figure = new_figure(4.6, entries=4)
     top, bottom = figure.subplots(2, 1, sharex=True)
@@ -85,7 +85,7 @@ def plot_leg(plan: ClimbPlan, run: Run, limb: int) -> Figure:
     return figure
 
 
-def plot_sag(plan: ClimbPlan, run: Run, comparison: Comparison) -> Figure:
+def plot_sag(plan: ClimbPlan, run: RecordedRun, comparison: PlanComparison) -> Figure:
     """Plot the deviation of the body from its planned path, simulated and predicted."""
     figure = new_figure(3.4, entries=3)
     ax = figure.subplots()

@@ -19,7 +19,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import sample_instants
 from climbplan.climb.simulation.control.feedforward import compute_gravity_torques
 from climbplan.climb.simulation.control.regulator import JointOdometry, Regulator
-from climbplan.climb.simulation.grips.gripping import GripReport, Grips
+from climbplan.climb.simulation.grips.gripping import GripperSimulation, GripReport
 from climbplan.climb.simulation.initial_posture import place_robot
 from climbplan.climb.simulation.instant_samples import find_instant_samples
 from climbplan.climb.simulation.model.chain_limb import (
@@ -44,7 +44,7 @@ _CONTROL_PERIOD = 0.01  # [s] between new commands to the motors
 
 
 @dataclass(frozen=True)
-class Run:
+class RecordedRun:
     """A recorded simulation, at the S of T samples of the trajectory up to its end or a fall."""
 
     conditions: Conditions
@@ -76,7 +76,7 @@ def simulate(
     progress: Callable[[float], None] | None = None,
     watch: Callable[[int, Any, Any], None] | None = None,
     rests: bool = False,
-) -> Run:
+) -> RecordedRun:
     """Simulate a plan under conditions.
 
     Args:
@@ -118,7 +118,7 @@ class _MujocoRun:
         self.start = place_robot(plan, terrain)
         self.grips = None
         if plan.robot.gripper is not None:
-            self.grips = Grips(mujoco, model, data, plan, terrain, conditions)
+            self.grips = GripperSimulation(mujoco, model, data, plan, terrain, conditions)
         self.regulator = None
         regulator_mode = select_regulator(conditions, plan.robot)
         if regulator_mode != "nothing":
@@ -148,7 +148,7 @@ class _MujocoRun:
         progress: Callable[[float], None] | None,
         watch: Callable[[int, Any, Any], None] | None,
         rests: bool,
-    ) -> Run:
+    ) -> RecordedRun:
         trajectory, conditions = self.plan.trajectory, self.conditions
         self._place()
         if self.regulator is not None:
@@ -177,7 +177,7 @@ class _MujocoRun:
                 fallen = True
                 break
         stacked = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-        return Run(
+        return RecordedRun(
             conditions=conditions,
             time=trajectory.time[: len(rows)],
             fallen=fallen,

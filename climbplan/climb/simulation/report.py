@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from climbplan.climb.simulation.comparison import MIN_SAG, Comparison
+from climbplan.climb.simulation.comparison import MIN_SAG, PlanComparison
 from climbplan.climb.simulation.figures import plot_falls, plot_leg, plot_sag
 from climbplan.climb.simulation.grips.gripping import GripReport
 from climbplan.climb.simulation.model.mjcf import TIME_STEP
@@ -20,7 +20,7 @@ from climbplan.climb.simulation.study import SimulationStudy, WorstWorld, format
 from climbplan.climb.simulation.sweep import SweepPoint
 from climbplan.reports.page_parts import Card
 from climbplan.simulation.mujoco_loading import load_mujoco
-from climbplan.simulation.pictures import Camera
+from climbplan.simulation.pictures import SnapshotCamera
 from climbplan.simulation.report_files import (
     WORST_FILM,
     SimulationEnd,
@@ -46,7 +46,7 @@ UNITS = {
 def build_report(study: SimulationStudy) -> SimulationRecord:
     """Build the contents of a simulation's files."""
     plan = study.plan
-    camera = study.camera if isinstance(study.camera, Camera) else None
+    camera = study.camera if isinstance(study.camera, SnapshotCamera) else None
     film = camera.film() if camera is not None and camera.pictures else None
     return SimulationRecord(
         title=f"{plan.name}: simulated",
@@ -211,7 +211,7 @@ def build_report_dict(study: SimulationStudy) -> dict[str, Any]:
     }
 
 
-def _build_friction_dict(comparison: Comparison) -> dict[str, Any]:
+def _build_friction_dict(comparison: PlanComparison) -> dict[str, Any]:
     is_below = comparison.friction < comparison.mu
     return {
         "critical": summarise_values(comparison.friction[comparison.friction > 0]),
@@ -220,7 +220,7 @@ def _build_friction_dict(comparison: Comparison) -> dict[str, Any]:
     }
 
 
-def _build_sag_dict(comparison: Comparison) -> dict[str, Any]:
+def _build_sag_dict(comparison: PlanComparison) -> dict[str, Any]:
     finite = np.isfinite(comparison.sag_predicted).all(axis=1)
     return {
         "simulated": summarise_values(np.linalg.norm(comparison.sag, axis=1)),
@@ -264,7 +264,7 @@ def _build_figures(study: SimulationStudy) -> dict[str, Figure]:
         out["falls"] = plot_falls(study.points, study.sweep_key, plan.name)
     if study.risk is not None and study.risk.falls:
         out["worlds"] = plot_causes(study.risk, plan)
-    if isinstance(study.camera, Camera) and study.camera.pictures:
+    if isinstance(study.camera, SnapshotCamera) and study.camera.pictures:
         out["climb"] = plot_film_strip(study.camera.strip, plan.trajectory.time.tolist(), plan.name)
     return out
 

@@ -10,9 +10,9 @@ from functools import partial
 import numpy as np
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.simulation.comparison import Comparison, compare
+from climbplan.climb.simulation.comparison import PlanComparison, compare
 from climbplan.climb.simulation.model.link_masses import select_link_masses
-from climbplan.climb.simulation.replay import Run, simulate
+from climbplan.climb.simulation.replay import RecordedRun, simulate
 from climbplan.climb.simulation.risk.estimation import (
     RiskEstimate,
     build_world_conditions,
@@ -26,9 +26,9 @@ from climbplan.climb.simulation.sweep import SweepPoint, SweepSettings, sweep
 from climbplan.climb.simulation.variations import draw_conditions, run_climb_trial
 from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions, require_possible
 from climbplan.simulation.mujoco_loading import load_mujoco
-from climbplan.simulation.pictures import Camera, open_camera
+from climbplan.simulation.pictures import SnapshotCamera, open_camera
 from climbplan.simulation.request import SimulationRequest
-from climbplan.simulation.trials import Trial, run_trials
+from climbplan.simulation.trials import RandomRun, run_trials
 
 _log = logging.getLogger(__name__)
 
@@ -38,7 +38,7 @@ class WorstWorld:
     """The world with the earliest fall or largest deviation, simulated in MuJoCo."""
 
     number: int
-    run: Run
+    run: RecordedRun
     film: bytes  # animated GIF
 
     @property
@@ -52,12 +52,12 @@ class SimulationStudy:
     """All results of one call of the command."""
 
     plan: ClimbPlan
-    run: Run
-    comparison: Comparison
-    trials: tuple[Trial, ...]
+    run: RecordedRun
+    comparison: PlanComparison
+    trials: tuple[RandomRun, ...]
     sweep_key: str
     points: tuple[SweepPoint, ...]
-    camera: Camera | str  # with its pictures, or why there are none
+    camera: SnapshotCamera | str  # with its pictures, or why there are none
     risk: RiskEstimate | None = None  # in worlds of the plan's uncertainty
     rare: RareEventEstimate | None = None  # likewise, where falls are too few to count
     worst: WorstWorld | None = None  # of those judged, where there are pictures
@@ -79,12 +79,12 @@ def simulate_plan(
     _check_masses(plan, request.conditions)
     load_mujoco()
     camera = open_camera(plan.trajectory.com) if request.pictures else "no pictures asked for"
-    watch_sample = camera.watch if isinstance(camera, Camera) else None
+    watch_sample = camera.watch if isinstance(camera, SnapshotCamera) else None
     conditions = request.conditions
     run = simulate(
         plan, conditions, lambda part: progress("simulate", part), watch_sample, rests=True
     )
-    if isinstance(camera, Camera):
+    if isinstance(camera, SnapshotCamera):
         camera.close()
     comparison = compare(plan, run)
     trials, points = _run_variations(plan, request, progress)
@@ -99,7 +99,7 @@ def simulate_plan(
             plan, conditions, request.engine, request.worlds, request.seed, request.jobs,
             lambda part: progress("worlds", part),
         )  # fmt: skip
-        if isinstance(camera, Camera):
+        if isinstance(camera, SnapshotCamera):
             worst = _film_worst(plan, risk, conditions)
     return SimulationStudy(
         plan, run, comparison, trials, request.sweep_key, points, camera, risk, rare, worst
@@ -122,10 +122,10 @@ def _check_masses(plan: ClimbPlan, conditions: Conditions) -> None:
 
 def _run_variations(
     plan: ClimbPlan, request: SimulationRequest, progress: Callable[[str, float], None]
-) -> tuple[tuple[Trial, ...], tuple[SweepPoint, ...]]:
+) -> tuple[tuple[RandomRun, ...], tuple[SweepPoint, ...]]:
     """Simulate random worlds, or a sweep of a spec's key, if requested."""
     conditions = request.conditions
-    trials: tuple[Trial, ...] = ()
+    trials: tuple[RandomRun, ...] = ()
     points: tuple[SweepPoint, ...] = ()
     if request.sweep_key:
         sweep_settings = SweepSettings(
@@ -147,7 +147,7 @@ def _run_variations(
 def _film_worst(plan: ClimbPlan, risk: RiskEstimate, base: Conditions) -> WorstWorld | None:
     """Simulate and film the worst of the worlds; None without pictures."""
     camera = open_camera(plan.trajectory.com)
-    if not isinstance(camera, Camera):
+    if not isinstance(camera, SnapshotCamera):
         return None
     number = risk.worst
     run = simulate(plan, build_world_conditions(risk, base, number), watch=camera.watch)

@@ -16,7 +16,7 @@ from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, ReachFailure
 from climbplan.schema.source import SourceText
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.trials import FallRate, Trial, run_trials
+from climbplan.simulation.trials import FallRate, RandomRun, run_trials
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class SweepPoint:
     """The trials at one value of a spec's key."""
 
     value: float
-    trials: tuple[Trial, ...]
+    trials: tuple[RandomRun, ...]
     no_plan: str  # why there is no plan at this value, "" if there is one
 
     @property

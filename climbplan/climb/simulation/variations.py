@@ -6,7 +6,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.comparison import find_slips
 from climbplan.climb.simulation.replay import simulate
 from climbplan.simulation.conditions import Conditions
-from climbplan.simulation.trials import ConditionsDistribution, Trial, sample_conditions
+from climbplan.simulation.trials import ConditionsDistribution, RandomRun, sample_conditions
 
 
 def draw_conditions(
@@ -20,7 +20,7 @@ def draw_conditions(
     return sample_conditions(scenario_settings, count, seed)
 
 
-def run_climb_trial(plan: ClimbPlan, conditions: Conditions) -> Trial:
+def run_climb_trial(plan: ClimbPlan, conditions: Conditions) -> RandomRun:
     """Simulate a climb or transition in one world."""
     run = simulate(plan, conditions)
-    return Trial(conditions, run.fallen, float(run.time[-1]), len(find_slips(plan, run)))
+    return RandomRun(conditions, run.fallen, float(run.time[-1]), len(find_slips(plan, run)))

@@ -45,9 +45,9 @@ import casadi as ca
 import numpy as np
 
 from climbplan.climb.transition.round_constraints import RoundConstraints, repeat_at_points
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 from climbplan.robots.stated_limbs import StatedLimbs
-from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compile_trajectory
+from climbplan.solvers.ipopt.staged_program import CompiledStagedProgram, compile_staged_program
 
 FACETS = 8
 POINTS = 2  # at which a toe has to be in reach: before and after the round
@@ -61,7 +61,7 @@ _FORCE_PREFERENCE = 1e-4
 
 
 @dataclass(frozen=True)
-class Shape:
+class ComplementarityDimensions:
     """The dimensions of a program."""
 
     rounds: int  # M
@@ -115,14 +115,14 @@ class ComplementarityProgram:
     Both have the same variables; the parameters of the first end with the products' weight.
     """
 
-    shape: Shape
-    penalised: CompiledTrajectory
-    stated: Trajectory  # pairs and binaries as rows
+    shape: ComplementarityDimensions
+    penalised: CompiledStagedProgram
+    stated: StagedProgram  # pairs and binaries as rows
     rows: Any  # function (v, p) of the latter
 
 
 @lru_cache(maxsize=8)
-def compile_complementarity_program(shape: Shape) -> ComplementarityProgram:
+def compile_complementarity_program(shape: ComplementarityDimensions) -> ComplementarityProgram:
     """Build and compile the program of a shape."""
     settings = {
         "max_iter": _MAX_ITERATIONS,
@@ -133,17 +133,17 @@ def compile_complementarity_program(shape: Shape) -> ComplementarityProgram:
     }
     stated = state_complementarity(shape)
     stated.relax(COMPLEMENTS)
-    penalised = compile_trajectory(_state(shape, penalised=True), settings, expand=True)
+    penalised = compile_staged_program(_state(shape, penalised=True), settings, expand=True)
     rows = ca.Function("rows", [stated.x, stated.p], [stated.rows])
     return ComplementarityProgram(shape, penalised, stated, rows)
 
 
-def state_complementarity(shape: Shape) -> Trajectory:
+def state_complementarity(shape: ComplementarityDimensions) -> StagedProgram:
     """State the program of a shape with all pairs as constraints and contacts as binaries."""
     return _state(shape, penalised=False)
 
 
-def _state(shape: Shape, penalised: bool) -> Trajectory:
+def _state(shape: ComplementarityDimensions, penalised: bool) -> StagedProgram:
     """State the program; penalised: products, also of binaries, cost with the weight "penalty"."""
     numbers = {**shape.numbers, **({"penalty": (1, 1)} if penalised else {})}
     rows = RoundConstraints("complementarity", shape.stated, shape.variables, numbers)
@@ -157,7 +157,7 @@ def _state(shape: Shape, penalised: bool) -> Trajectory:
     return rows.build_trajectory(shape.rounds, binaries=["hold"])
 
 
-def _state_round(shape: Shape, rows: RoundConstraints) -> Any:
+def _state_round(shape: ComplementarityDimensions, rows: RoundConstraints) -> Any:
     """State all constraints but the pairs; return the products (S + 2, N), without binaries'."""
     n, count = shape.limbs, shape.surfaces
     stage, s = rows.stage, rows.symbols
@@ -205,7 +205,7 @@ def _state_round(shape: Shape, rows: RoundConstraints) -> Any:
     return ca.vertcat(before / DISTANCE, placed, hold * ca.sum1(rows.toe_step**2) / DISTANCE**2)
 
 
-def _compute_distance(shape: Shape, s: Mapping[str, Any], points: Any) -> Any:
+def _compute_distance(shape: ComplementarityDimensions, s: Mapping[str, Any], points: Any) -> Any:
     """Compute distances (1, N S) of points (3, N S) from the surface of each limb and index."""
     plane = ca.sum1(s["axes"][:, ::3] * points) - s["offset"]
     if shape.edges == 0:

@@ -12,8 +12,8 @@ from climbplan.climb.scene.climb_scene import compute_load_wrench
 from climbplan.climb.transition.complementarity import (
     MAX_LOAD,
     POINTS,
+    ComplementarityDimensions,
     ComplementarityProgram,
-    Shape,
     compile_complementarity_program,
 )
 from climbplan.climb.transition.round_constraints import (
@@ -26,7 +26,7 @@ from climbplan.climb.transition.round_constraints import (
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import compute_step_limits
 from climbplan.mechanics.friction import contact_frame
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import to_body
 from climbplan.robots.stated_robot import stated_limbs
@@ -50,11 +50,11 @@ class FreeMotion:
     upper: Array
 
     @property
-    def shape(self) -> Shape:
+    def shape(self) -> ComplementarityDimensions:
         """The dimensions of the program."""
         return self.program.shape
 
-    def bounds(self, stated: Trajectory) -> Bounds:
+    def bounds(self, stated: StagedProgram) -> Bounds:
         """Return the bounds of variables, and of the constraints of one of the statements."""
         return Bounds(self.lower, self.upper, *_build_row_bounds(self.scene, stated, self.surfaces))
 
@@ -109,10 +109,10 @@ def _list_solids(scene: TransitionScene) -> list[Solid]:
     return [*scene.terrain.obstacles, *slabs]
 
 
-def _build_shape(scene: TransitionScene, surfaces: IntArray) -> Shape:
+def _build_shape(scene: TransitionScene, surfaces: IntArray) -> ComplementarityDimensions:
     solids = _list_solids(scene)
     polygons = not _find_bounding_surfaces(scene).all()
-    return Shape(
+    return ComplementarityDimensions(
         rounds=scene.spec.task.rounds,
         stated=stated_limbs(scene.robot),
         surfaces=surfaces.shape[1],
@@ -122,7 +122,9 @@ def _build_shape(scene: TransitionScene, surfaces: IntArray) -> Shape:
     )
 
 
-def _build_parameters(scene: TransitionScene, shape: Shape, surfaces: IntArray) -> dict[str, Array]:
+def _build_parameters(
+    scene: TransitionScene, shape: ComplementarityDimensions, surfaces: IntArray
+) -> dict[str, Array]:
     regions, empty = _require_regions(scene), np.empty(0)
     surfaces_used = [regions[index] for index in surfaces.ravel()]
     edges = [_pad_rows(r.A, r.b, shape.edges) for r in surfaces_used]
@@ -198,7 +200,7 @@ def _build_variable_bounds(
 
 
 def _build_row_bounds(
-    scene: TransitionScene, stated: Trajectory, surfaces: IntArray
+    scene: TransitionScene, stated: StagedProgram, surfaces: IntArray
 ) -> tuple[Array, Array]:
     """Build the bounds of a statement's constraints, the same in each round."""
     in_front = np.where(_find_bounding_surfaces(scene)[surfaces.ravel()], -_IN_FRONT, -np.inf)

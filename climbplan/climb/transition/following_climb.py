@@ -12,10 +12,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from climbplan.climb.motion.motion import Motion, StageClock, plan_motion
+from climbplan.climb.motion.motion import ClimbMotion, StageClock, plan_motion
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.postures.explanation import NoPostures
-from climbplan.climb.scene.climb_scene import ClimbScene, Stance, build_scene, compute_stated_toes
+from climbplan.climb.scene.climb_scene import (
+    ClimbScene,
+    ClimbStance,
+    build_scene,
+    compute_stated_toes,
+)
 from climbplan.climb.schema.model import (
     ClimbSpec,
     PosturePlannerSpec,
@@ -40,7 +45,7 @@ class FollowingClimb:
 
     rounds: Rounds  # the first posture is the transition's last
     instants: Instants
-    goal: Stance
+    goal: ClimbStance
 
 
 def plan_following_climb(
@@ -58,7 +63,7 @@ def plan_following_climb(
     return FollowingClimb(motion.posture.rounds, instants, climb.goal)
 
 
-def _plan_climb_motion(climb: ClimbScene, clock: StageClock) -> Motion:
+def _plan_climb_motion(climb: ClimbScene, clock: StageClock) -> ClimbMotion:
     """Plan the climb's postures by the global method; if that fails, with exact rotations."""
     deadline = time.monotonic() + climb.spec.solver.time_limit
     first_error: NoPlanFound | None = None

@@ -24,7 +24,7 @@ _SAME_TOLERANCE = 1e-6  # [m]
 
 
 @dataclass(frozen=True)
-class Footholds:
+class CandidateFootholds:
     """C footholds of each of N limbs; a limb with fewer repeats its goal, marked by `real`."""
 
     toe: Array  # (N, C, 3) [m]
@@ -40,7 +40,7 @@ class Footholds:
 
 
 @dataclass(frozen=True)
-class Poses:
+class CandidateBodyPoses:
     """B body poses; the first is the start's, the last the goal's."""
 
     com: Array  # (B, 3) [m]
@@ -61,7 +61,7 @@ class Reach:
     angles: Array  # (B, N, C, J) [rad], NaN where not valid
 
 
-def list_footholds(scene: TransitionScene) -> Footholds:
+def list_footholds(scene: TransitionScene) -> CandidateFootholds:
     """List start and goal of every limb and, if the spec requests them, intermediate footholds."""
     limbs = range(scene.robot.limb_count)
     intermediate = [_find_intermediate_footholds(scene, limb) for limb in limbs]
@@ -80,7 +80,7 @@ def list_footholds(scene: TransitionScene) -> Footholds:
     for index, surface in enumerate(surfaces):
         normal[region == index] = surface.normal_at(toe[region == index])
     friction = np.array([s.friction for s in surfaces])
-    return Footholds(toe, region, normal, friction[region], real)
+    return CandidateFootholds(toe, region, normal, friction[region], real)
 
 
 def _find_intermediate_footholds(scene: TransitionScene, limb: int) -> list[tuple[int, Array]]:
@@ -121,7 +121,9 @@ def _project_inside(surface: Surface, point: Array) -> Array:
     return surface.project(point)
 
 
-def list_poses(scene: TransitionScene, extra_poses: Poses | None = None) -> Poses:
+def list_poses(
+    scene: TransitionScene, extra_poses: CandidateBodyPoses | None = None
+) -> CandidateBodyPoses:
     """List poses on the straight path from start to goal and lateral to it, with a clear body.
 
     extra_poses: further poses to include.
@@ -149,7 +151,7 @@ def list_poses(scene: TransitionScene, extra_poses: Poses | None = None) -> Pose
             rpy.append(rpy_at)
     com.append(goal.com)
     rpy.append(goal.rpy)
-    return Poses(np.array(com), np.array(rpy))
+    return CandidateBodyPoses(np.array(com), np.array(rpy))
 
 
 def _is_body_clear(scene: TransitionScene, com: Array, rpy: Array) -> bool:
@@ -163,7 +165,9 @@ def _is_body_clear(scene: TransitionScene, com: Array, rpy: Array) -> bool:
     )
 
 
-def compute_reach(scene: TransitionScene, footholds: Footholds, poses: Poses) -> Reach:
+def compute_reach(
+    scene: TransitionScene, footholds: CandidateFootholds, poses: CandidateBodyPoses
+) -> Reach:
     """Compute the inverse kinematics of all footholds from all poses.
 
     Toes lifted along the normal have to be in reach, too, as limbs lift before they swing.

@@ -24,8 +24,8 @@ from climbplan.climb.transition.complementarity_data import (
 from climbplan.climb.transition.footholds import (
     GOAL,
     START,
-    Footholds,
-    Poses,
+    CandidateBodyPoses,
+    CandidateFootholds,
     compute_reach,
     list_footholds,
 )
@@ -153,7 +153,7 @@ def _draw_start(motion: FreeMotion, rng: np.random.Generator) -> Array:
 
 def _perturb_rounds(
     motion: FreeMotion,
-    footholds: Footholds,
+    footholds: CandidateFootholds,
     v: Array,
     rng: np.random.Generator,
     known_paths: set[bytes],
@@ -192,7 +192,7 @@ def _find_long_steps(scene: TransitionScene, path: IntArray) -> IntArray:
 
 
 def _draw_path(
-    scene: TransitionScene, footholds: Footholds, limb: int, rng: np.random.Generator
+    scene: TransitionScene, footholds: CandidateFootholds, limb: int, rng: np.random.Generator
 ) -> IntArray:
     """Draw footholds (M,) of a limb after each round: its goal, at once or by an intermediate."""
     m = scene.spec.task.rounds
@@ -210,7 +210,7 @@ def _draw_path(
 
 
 def _place_on_path(
-    motion: FreeMotion, footholds: Footholds, v: Array, path: IntArray, moves: BoolArray
+    motion: FreeMotion, footholds: CandidateFootholds, v: Array, path: IntArray, moves: BoolArray
 ) -> Array:
     """Place the toes of a point on footholds (M, N); standing limbs press, moving ones do not."""
     shape, stated = motion.shape, motion.program.stated
@@ -255,12 +255,14 @@ def extract_sequence(motion: FreeMotion, v: Array) -> tuple[SearchTables, Sequen
     moves = (motion.value("hold", v) < 0.5) & (_compute_steps(motion, v) > _MIN_STEP)
     pose = np.vstack([motion.value("pose", v), np.append(scene.goal.com, scene.goal.rpy)])
     toes = np.concatenate([scene.start.toes[None], motion.value("toe", v)])  # (M + 1, N, 3)
-    tables = _build_tables(scene, toes, Poses(pose[:, :3], pose[:, 3:]), motion.surfaces)
+    tables = _build_tables(
+        scene, toes, CandidateBodyPoses(pose[:, :3], pose[:, 3:]), motion.surfaces
+    )
     return tables, Sequence(_build_states(moves), tuple(range(m + 1)), 0.0, np.inf)
 
 
 def _build_tables(
-    scene: TransitionScene, toes: Array, poses: Poses, surfaces: IntArray
+    scene: TransitionScene, toes: Array, poses: CandidateBodyPoses, surfaces: IntArray
 ) -> SearchTables:
     """Build tables: footholds at start, goal, and after each round, on their nearest surfaces."""
     m, n = len(toes) - 1, toes.shape[1]
@@ -277,7 +279,7 @@ def _build_tables(
     for index, surface in enumerate(scene.terrain.surfaces):
         normal[region == index] = surface.normal_at(toe[region == index])
         mu[region == index] = surface.friction
-    holds = Footholds(toe, region, normal, mu, np.ones((n, m + 1), bool))
+    holds = CandidateFootholds(toe, region, normal, mu, np.ones((n, m + 1), bool))
     return SearchTables(scene, holds, poses, compute_reach(scene, holds, poses))
 
 

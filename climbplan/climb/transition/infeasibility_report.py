@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.arrays import IntArray
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.plan.climb_plan import format_sequence
-from climbplan.climb.transition.footholds import GOAL, START, Poses
+from climbplan.climb.transition.footholds import GOAL, START, CandidateBodyPoses
 from climbplan.climb.transition.pose_paths import Sequence, State, get_stance
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import SequenceSearch, compute_step_limits
@@ -37,7 +37,7 @@ class OutOfReach(Unresolved):
 
 
 def explain_no_sequence(
-    scene: TransitionScene, deadline: float = np.inf, extra_poses: Poses | None = None
+    scene: TransitionScene, deadline: float = np.inf, extra_poses: CandidateBodyPoses | None = None
 ) -> Unresolved:
     """Explain why the search found no sequence on its footholds and poses; return the error.
 

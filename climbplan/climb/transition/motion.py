@@ -21,7 +21,7 @@ from climbplan.climb.transition.motion_data import (
 from climbplan.climb.transition.motion_statement import compile_motion_program
 from climbplan.climb.transition.pose_paths import Sequence
 from climbplan.climb.transition.stance_forces import SearchTables
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 
 ACCEPTANCE_TOLERANCE = (
     1e-5  # largest violation of a row; the force planner and the verification are stricter
@@ -29,7 +29,7 @@ ACCEPTANCE_TOLERANCE = (
 
 
 @dataclass(frozen=True)
-class Motion:
+class TransitionMotion:
     """A solution of the motion program for one sequence, before forces and verification."""
 
     rounds: Rounds
@@ -55,7 +55,7 @@ def plan_motion(
     separate: bool = False,
     colliding_motion: Rounds | None = None,
     joint_margin: float = JOINT_MARGIN,
-) -> Motion:
+) -> TransitionMotion:
     """Find a locally optimal motion of a sequence near the path of the search.
 
     Args:
@@ -92,7 +92,7 @@ def plan_motion(
     residuals = stated.residuals(rows, (bounds.row_lower, bounds.row_upper))
     worst = max(residuals, key=lambda block: block.residual)
     number = worst.index[0] // (stated.sizes()[worst.name] // rounds) + 1
-    return Motion(
+    return TransitionMotion(
         rounds=read_rounds(tables, stated, sequence, v),
         first_position=read_first_position(stated, v),
         violation=worst.residual,
@@ -104,7 +104,9 @@ def plan_motion(
     )
 
 
-def read_rounds(tables: SearchTables, stated: Trajectory, sequence: Sequence, v: Array) -> Rounds:
+def read_rounds(
+    tables: SearchTables, stated: StagedProgram, sequence: Sequence, v: Array
+) -> Rounds:
     """Read the postures of a point of the program, with toes exactly on their surfaces.
 
     The first is the start; `read_first_position` returns the body's place at the first lift.
@@ -122,6 +124,6 @@ def read_rounds(tables: SearchTables, stated: Trajectory, sequence: Sequence, v:
     return Rounds(pose[:, :3], pose[:, 3:], toes, region)
 
 
-def read_first_position(stated: Trajectory, v: Array) -> Array:
+def read_first_position(stated: StagedProgram, v: Array) -> Array:
     """Read the position (3,) of the body at the first lift, at a point of the program [m]."""
     return np.asarray(v[stated.place("pose")][0, :3])

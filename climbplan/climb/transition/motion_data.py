@@ -13,7 +13,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.scene.climb_scene import compute_load_wrench
 from climbplan.climb.transition.footholds import GOAL, START
-from climbplan.climb.transition.motion_statement import POINTS, Shape
+from climbplan.climb.transition.motion_statement import POINTS, MotionDimensions
 from climbplan.climb.transition.pose_paths import Sequence, get_stance
 from climbplan.climb.transition.round_constraints import (
     TIES,
@@ -31,7 +31,7 @@ from climbplan.climb.transition.separating_planes import (
     find_close_links,
 )
 from climbplan.climb.transition.stance_forces import SearchTables, solve_stance_forces
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import to_body
 from climbplan.robots.rotations import rotation_world_body
@@ -54,7 +54,7 @@ class MotionData:
 
 def build_shape(
     scene: TransitionScene, rounds: int, separate: bool = False, link_pairs: LinkPairs = ()
-) -> Shape:
+) -> MotionDimensions:
     """Build the shape of a scene's program.
 
     Args:
@@ -65,7 +65,7 @@ def build_shape(
     """
     robot = scene.robot
     num_capsules = robot.joint_count if robot.capsules is None else robot.capsules.joint.shape[1]
-    return Shape(
+    return MotionDimensions(
         num_capsules=num_capsules if separate else 0,
         link_pairs=link_pairs if separate else (),
         rounds=rounds,
@@ -126,7 +126,7 @@ def compute_force_margins(scene: TransitionScene, margin_fraction: float) -> For
 
 def build_motion_data(
     tables: SearchTables,
-    stated: Trajectory,
+    stated: StagedProgram,
     sequence: Sequence,
     safety_torque: float,
     margin_fraction: float = 0.0,
@@ -313,7 +313,7 @@ def _build_parameters(
 
 def _build_row_bounds(
     scene: TransitionScene,
-    stated: Trajectory,
+    stated: StagedProgram,
     sequence: Sequence,
     margins: ForceMargins,
     joint_margin: float,

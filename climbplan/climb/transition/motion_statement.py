@@ -35,9 +35,9 @@ import numpy as np
 
 from climbplan.climb.postures.nlp.statement import CHORD_FACTOR
 from climbplan.climb.transition.round_constraints import RoundConstraints, repeat_at_points
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 from climbplan.robots.stated_limbs import StatedLimbs
-from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compile_trajectory
+from climbplan.solvers.ipopt.staged_program import CompiledStagedProgram, compile_staged_program
 
 CORNERS = 8
 POINTS = 4  # per round at which a toe has to be in reach
@@ -48,7 +48,7 @@ _MAX_ITERATIONS = 80
 
 
 @dataclass(frozen=True)
-class Shape:
+class MotionDimensions:
     """The dimensions of a program."""
 
     rounds: int  # M
@@ -125,13 +125,13 @@ class Shape:
         }
 
 
-def state_motion(shape: Shape) -> Trajectory:
+def state_motion(shape: MotionDimensions) -> StagedProgram:
     """State the program of a shape."""
     return _state_round(shape).build_trajectory(shape.rounds, shape.every_round)
 
 
 @lru_cache(maxsize=8)
-def compile_motion_program(shape: Shape) -> CompiledTrajectory:
+def compile_motion_program(shape: MotionDimensions) -> CompiledStagedProgram:
     """Build and compile the program of a shape."""
     settings = {
         "max_iter": _MAX_ITERATIONS,
@@ -141,10 +141,10 @@ def compile_motion_program(shape: Shape) -> CompiledTrajectory:
         "mu_strategy": "monotone",
         "bound_relax_factor": 0.0,
     }
-    return compile_trajectory(state_motion(shape), settings, expand=True)
+    return compile_staged_program(state_motion(shape), settings, expand=True)
 
 
-def _state_round(shape: Shape) -> RoundConstraints:
+def _state_round(shape: MotionDimensions) -> RoundConstraints:
     """State one round between two poses."""
     rows = RoundConstraints(
         "transition", shape.stated, shape.variables, {**shape.every_round, **shape.common}
@@ -192,7 +192,7 @@ def _state_round(shape: Shape) -> RoundConstraints:
     return rows
 
 
-def _add_separation(shape: Shape, rows: RoundConstraints, angles: list[Any]) -> None:
+def _add_separation(shape: MotionDimensions, rows: RoundConstraints, angles: list[Any]) -> None:
     """Add constraints that keep joints and links beyond fixed faces of solids, body and limbs."""
     s, n = rows.symbols, shape.limbs
     terrain_distance, body_distance, limb_distance = [], [], []

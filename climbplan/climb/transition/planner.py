@@ -19,7 +19,7 @@ from climbplan.climb.plan.climb_plan import (
 from climbplan.climb.scene.climb_scene import apply_scan
 from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.climb.transition.following_climb import plan_following_climb
-from climbplan.climb.transition.footholds import Poses
+from climbplan.climb.transition.footholds import CandidateBodyPoses
 from climbplan.climb.transition.homotopy import run_from_start
 from climbplan.climb.transition.infeasibility_report import OutOfReach, explain_no_sequence
 from climbplan.climb.transition.pose_paths import Sequence
@@ -28,8 +28,8 @@ from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.search import SequenceSearch
 from climbplan.climb.transition.sequence_planning import (
     CompleteMotion,
-    MethodResult,
-    PlanningRun,
+    TransitionResult,
+    TransitionRun,
     assemble_plan,
     compute_cost,
     plan_and_verify_sequence,
@@ -42,7 +42,7 @@ _MAX_BALANCE_PROGRAMS = 800  # cone programs
 _POSE_TOLERANCE = 1e-3  # [m] between poses that differ
 
 
-def find_balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
+def find_balanced_poses(scene: TransitionScene, deadline: float) -> CandidateBodyPoses:
     """Find poses off the straight path that balance the stance sets of all reachable sequences.
 
     A robot with many limbs braces, so the place of its body matters little. A quadruped on three
@@ -57,7 +57,7 @@ def find_balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
     kinematic.list_sequences()
     fraction = np.linspace(0.0, 1.0, scene.spec.search.heights)
     start, goal = scene.start, scene.goal
-    straight_path = Poses(
+    straight_path = CandidateBodyPoses(
         start.com + fraction[:, None] * (goal.com - start.com),
         start.rpy + fraction[:, None] * (goal.rpy - start.rpy),
     )
@@ -65,7 +65,7 @@ def find_balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
         :_MAX_BALANCE_PROGRAMS
     ]
     if not pairs:
-        return Poses(np.zeros((0, 3)), np.zeros((0, 3)))
+        return CandidateBodyPoses(np.zeros((0, 3)), np.zeros((0, 3)))
     stance: IntArray = np.array([stance_set for stance_set, _ in pairs], np.int64)
     pose_index: IntArray = np.array([k for _, k in pairs], np.int64)
     lifts = build_stance_instants(kinematic.tables.with_poses(straight_path), stance, pose_index)
@@ -79,7 +79,7 @@ def find_balanced_poses(scene: TransitionScene, deadline: float) -> Poses:
     for row, cell in enumerate(np.rint(com / _POSE_TOLERANCE).astype(int).tolist()):
         rows.setdefault(tuple(cell), row)
     selected = sorted(rows.values())
-    return Poses(com[selected], straight_path.rpy[pose_index[selected]])
+    return CandidateBodyPoses(com[selected], straight_path.rpy[pose_index[selected]])
 
 
 _SEARCH_TIME_FRACTION = 0.6  # of the time limit, that `auto` gives to the search
@@ -103,7 +103,7 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
     options = loaded.spec.solver
     try:
         scene = build_transition(loaded)
-        run = PlanningRun(loaded, scene, clock, plan_following_climb(loaded, scene, clock))
+        run = TransitionRun(loaded, scene, clock, plan_following_climb(loaded, scene, clock))
         return assemble_plan(run, _METHODS[options.method](run))
     except NoPlanFound as error:
         if options.method != "auto" or isinstance(error, Infeasible):
@@ -131,7 +131,7 @@ def search_sequences(
     return search, sequences
 
 
-def _plan_by_search(run: PlanningRun, time_fraction: float = 1.0) -> MethodResult:
+def _plan_by_search(run: TransitionRun, time_fraction: float = 1.0) -> TransitionResult:
     """Enumerate sequences and plan the best one whose motion passes its verification."""
     scene, clock = run.scene, run.clock
     with clock.stage("search"):
@@ -176,10 +176,10 @@ def _plan_by_search(run: PlanningRun, time_fraction: float = 1.0) -> MethodResul
         safety_friction=np.array([s.safety_friction for s in candidates]),
         outcome=tuple(outcomes),
     )
-    return MethodResult(motion, sizes, sequences, _list_warnings(search))
+    return TransitionResult(motion, sizes, sequences, _list_warnings(search))
 
 
-def _plan_by_complementarity(run: PlanningRun, seconds: float | None = None) -> MethodResult:
+def _plan_by_complementarity(run: TransitionRun, seconds: float | None = None) -> TransitionResult:
     """Plan from random starts by complementarity and select the cheapest verified motion."""
     scene, clock = run.scene, run.clock
     if scene.spec.task.sequence is not None:
@@ -214,12 +214,12 @@ def _plan_by_complementarity(run: PlanningRun, seconds: float | None = None) -> 
             stage="homotopy",
         )
     best = min(motions, key=lambda done: compute_cost(scene, done.rounds, done.forces))
-    return MethodResult(
+    return TransitionResult(
         best, {"homotopy": {"iterations": iterations, "starts that hold": len(motions)}}
     )
 
 
-def _plan_automatically(run: PlanningRun) -> MethodResult:
+def _plan_automatically(run: TransitionRun) -> TransitionResult:
     """Plan by search; if that fails, by the complementarity program, which finds its sequence."""
     began = time.monotonic()
     try:
@@ -250,7 +250,7 @@ def _plan_automatically(run: PlanningRun) -> MethodResult:
     )
 
 
-_METHODS: dict[str, Callable[[PlanningRun], MethodResult]] = {
+_METHODS: dict[str, Callable[[TransitionRun], TransitionResult]] = {
     "auto": _plan_automatically,
     "enumerate": _plan_by_search,
     "complementarity": _plan_by_complementarity,

@@ -38,7 +38,7 @@ from climbplan.climb.transition.planner import search_sequences
 from climbplan.climb.transition.pose_paths import Sequence
 from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.sequence_planning import (
-    PlanningRun,
+    TransitionRun,
     plan_and_verify_sequence,
     verify_motion,
 )
@@ -46,7 +46,7 @@ from climbplan.climb.transition.stance_forces import SearchTables
 from climbplan.errors import NoPlanFound
 from climbplan.mechanics.friction import contact_frame
 from climbplan.program.problem import Problem
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 from climbplan.reformulations.nlp_form import Bounds
 
 StatedProblem = tuple[Problem, dict[str, Array]]
@@ -61,7 +61,7 @@ def state_transition(loaded: LoadedTransition) -> StatedProblem:
     """
     scene = build_transition(loaded)
     clock = StageClock(lambda stage, fraction: None)
-    run = PlanningRun(loaded, scene, clock, plan_following_climb(loaded, scene, clock))
+    run = TransitionRun(loaded, scene, clock, plan_following_climb(loaded, scene, clock))
     deadline = time.monotonic() + scene.spec.solver.time_limit
     search, sequences = search_sequences(scene, deadline)
     is_fixed = scene.spec.task.sequence is not None
@@ -71,7 +71,7 @@ def state_transition(loaded: LoadedTransition) -> StatedProblem:
 
 
 def build_motion_problem(
-    run: PlanningRun, tables: SearchTables, sequence: Sequence
+    run: TransitionRun, tables: SearchTables, sequence: Sequence
 ) -> StatedProblem:
     """Build the motion problem of a sequence; `read_rounds` reads a solution."""
     scene = run.scene
@@ -94,7 +94,7 @@ def build_motion_problem(
 
 
 def build_transition_problem(
-    run: PlanningRun, tables: SearchTables, sequence: Sequence
+    run: TransitionRun, tables: SearchTables, sequence: Sequence
 ) -> StatedProblem:
     """Build the problem with a free sequence, starting from one of the search.
 
@@ -117,7 +117,7 @@ def build_transition_problem(
 
 
 def _build_problem(
-    stated: Trajectory,
+    stated: StagedProgram,
     parameters: dict[str, Array],
     start: Array,
     bounds: Bounds,

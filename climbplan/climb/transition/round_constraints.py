@@ -33,7 +33,7 @@ from climbplan.arrays import Array
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.program.stage import Stage
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 from climbplan.robots.model import Robot
 from climbplan.robots.stated_limbs import StandingLimbs, StatedLimbs
 from climbplan.robots.stated_robot import stated_limbs
@@ -179,7 +179,7 @@ class RoundConstraints:
 
     def build_trajectory(
         self, rounds: int, every_round: Iterable[str] = (), binaries: Iterable[str] = ()
-    ) -> Trajectory:
+    ) -> StagedProgram:
         """Build the trajectory of all rounds; start toes and goal pose are parameters.
 
         Args:
@@ -187,7 +187,7 @@ class RoundConstraints:
             every_round: Parameters that differ by round, (d, rounds); others are (d, 1).
             binaries: Names of binary variables.
         """
-        stated = Trajectory(self.stage.name)
+        stated = StagedProgram(self.stage.name)
         x: dict[str, list[Any]] = {name: [] for name in self._variables}
         for _ in range(rounds):
             for name, shape in self._variables.items():

@@ -10,8 +10,8 @@ from climbplan.arrays import Array
 from climbplan.climb.clearance.raw_surface import THE_SCAN, compute_raw_body_distance
 from climbplan.climb.planner.proof import find_missing_support, find_unreachable_toes
 from climbplan.climb.scene.climb_scene import (
+    ClimbStance,
     MotionScene,
-    Stance,
     add_raw_surface,
     build_stance,
     warn_of_reversed_regions,
@@ -77,7 +77,7 @@ def build_transition(loaded: LoadedTransition) -> TransitionScene:
 
 
 def _find_covered_toes(
-    key: str, stance: Stance, terrain: Terrain, robot: Robot
+    key: str, stance: ClimbStance, terrain: Terrain, robot: Robot
 ) -> list[SpecMistake]:
     """Find toes that a box or obstacle covers: the point just off their surface is inside."""
     mistakes = []
@@ -95,7 +95,7 @@ def _find_covered_toes(
     return mistakes
 
 
-def _require_clearance(scene: TransitionScene, name: str, stance: Stance) -> None:
+def _require_clearance(scene: TransitionScene, name: str, stance: ClimbStance) -> None:
     """Raise Unresolved or Infeasible unless the body hull keeps its clearance from every solid."""
     hull = stance.com + scene.robot.body_hull @ rotation_world_body(stance.rpy).T
     min_clearance = scene.spec.posture.body_clearance
@@ -152,7 +152,7 @@ def compute_hull_distance(hull: Array, solid: Solid) -> float:
     return float((hull @ solid.A.T - solid.b).min(axis=0).max())
 
 
-def _require_reach(scene: TransitionScene, name: str, stance: Stance) -> None:
+def _require_reach(scene: TransitionScene, name: str, stance: ClimbStance) -> None:
     toes = to_body(stance.com, stance.rpy, stance.toes)
     if proofs := [*find_unreachable_toes(scene), *find_missing_support(scene)]:
         raise Infeasible("no plan exists", proofs, stage="scene")
@@ -176,7 +176,7 @@ def _require_reach(scene: TransitionScene, name: str, stance: Stance) -> None:
         ) from error
 
 
-def _find_widest_gap(scene: TransitionScene, stance: Stance) -> float | None:
+def _find_widest_gap(scene: TransitionScene, stance: ClimbStance) -> float | None:
     """Find the widest gap between walls at which all limbs reach their goal; None if none."""
     robot = scene.robot
     current_gap = float(np.ptp(stance.toes[:, 0]))

@@ -20,7 +20,7 @@ from climbplan.climb.plan.climb_plan import format_sequence
 from climbplan.climb.transition.footholds import (
     GOAL,
     START,
-    Poses,
+    CandidateBodyPoses,
     compute_reach,
     list_footholds,
     list_poses,
@@ -59,7 +59,7 @@ class SequenceSearch:
     deadline: float = np.inf  # in `time.monotonic` seconds
     tables: SearchTables = field(init=False)
     statistics: SearchStatistics = field(default_factory=SearchStatistics)
-    extra_poses: Poses | None = None  # poses in addition to those of the grid
+    extra_poses: CandidateBodyPoses | None = None  # poses in addition to those of the grid
     _clear: dict[State, BoolArray] = field(default_factory=dict)  # state -> (B,) no limbs meet
     _torque_use: dict[State, Array] = field(default_factory=dict)  # stance -> (B,) 1 / S_tau
 

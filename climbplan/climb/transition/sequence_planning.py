@@ -16,7 +16,7 @@ from climbplan.climb.motion.in_hand import plan_with_torque_reserve
 from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.plan.climb_plan import (
     ClimbPlan,
-    Forces,
+    InstantForces,
     Instants,
     Rounds,
     Sequences,
@@ -25,10 +25,10 @@ from climbplan.climb.plan.climb_plan import (
 from climbplan.climb.planner.planner import build_step_limits, describe_deflection
 from climbplan.climb.planner.summary import describe_min_safety
 from climbplan.climb.planner.visual_geometry import load_visual_geometry
-from climbplan.climb.scene.climb_scene import Stance
+from climbplan.climb.scene.climb_scene import ClimbStance
 from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.climb.transition.following_climb import FollowingClimb, join_instants, join_rounds
-from climbplan.climb.transition.motion import Motion, plan_motion
+from climbplan.climb.transition.motion import TransitionMotion, plan_motion
 from climbplan.climb.transition.motion_data import JOINT_MARGIN
 from climbplan.climb.transition.pose_paths import Sequence
 from climbplan.climb.transition.scene import TransitionScene
@@ -139,12 +139,12 @@ class CompleteMotion:
 
     rounds: Rounds
     instants: Instants
-    forces: Forces
+    forces: InstantForces
     trajectory: Trajectory
 
 
 @dataclass(frozen=True)
-class PlanningRun:
+class TransitionRun:
     """One planning run."""
 
     loaded: LoadedTransition
@@ -162,7 +162,7 @@ class LimbCollision(Unresolved):
 
 
 def complete_motion(
-    run: PlanningRun, rounds: Rounds, moves: BoolArray, first_position: Array
+    run: TransitionRun, rounds: Rounds, moves: BoolArray, first_position: Array
 ) -> CompleteMotion:
     """Compute instants, forces and trajectory of postures.
 
@@ -192,16 +192,16 @@ def complete_motion(
 
 
 def verify_motion(
-    run: PlanningRun, rounds: Rounds, moves: BoolArray, first_position: Array
+    run: TransitionRun, rounds: Rounds, moves: BoolArray, first_position: Array
 ) -> tuple[CompleteMotion, Verification]:
     """Complete a motion and run all checks of its plan; raise what `complete_motion` raises."""
     motion = complete_motion(run, rounds, moves, first_position)
     with run.clock.stage("check"):
-        return motion, verify_plan(assemble_plan(run, MethodResult(motion, {})))
+        return motion, verify_plan(assemble_plan(run, TransitionResult(motion, {})))
 
 
 def compute_cost(
-    scene: TransitionScene, rounds: Rounds, forces: Forces, goal: Stance | None = None
+    scene: TransitionScene, rounds: Rounds, forces: InstantForces, goal: ClimbStance | None = None
 ) -> float:
     """Compute the weighted cost of a transition: body, rotation and toe steps, and 1 / S_tau.
 
@@ -225,7 +225,7 @@ def compute_cost(
 
 
 @dataclass(frozen=True)
-class Attempt:
+class SequenceResult:
     """The result for one sequence: a complete motion, or the reason why there is none."""
 
     motion: CompleteMotion | None
@@ -233,7 +233,9 @@ class Attempt:
     reason: str = ""
 
 
-def plan_and_verify_sequence(run: PlanningRun, tables: SearchTables, sequence: Sequence) -> Attempt:
+def plan_and_verify_sequence(
+    run: TransitionRun, tables: SearchTables, sequence: Sequence
+) -> SequenceResult:
     """Plan a motion of a sequence that passes its verification, with escalating safety factors.
 
     The motion program models no buckling, and links that hit a box only with separating planes. If
@@ -252,17 +254,17 @@ def plan_and_verify_sequence(run: PlanningRun, tables: SearchTables, sequence: S
                 continue
             complete, motion = planner.plan_and_verify(safety_torque, margin_fraction)
             if complete is not None:
-                return Attempt(complete, planner.iterations)
+                return SequenceResult(complete, planner.iterations)
             if not motion.is_accepted and margin_fraction > 0:
                 break
             achieved = motion.safety_torque if motion.is_accepted else 0.0
-    return Attempt(None, planner.iterations, planner.reason or "no room for a safety margin")
+    return SequenceResult(None, planner.iterations, planner.reason or "no room for a safety margin")
 
 
 class _SequencePlanner:
     """Plans motions of one sequence, and adapts the program to the failures of earlier ones."""
 
-    def __init__(self, run: PlanningRun, tables: SearchTables, sequence: Sequence) -> None:
+    def __init__(self, run: TransitionRun, tables: SearchTables, sequence: Sequence) -> None:
         self.run, self.tables, self.sequence = run, tables, sequence
         self.reason, self.iterations = "", 0
         self._separate = False  # add constraints that keep limbs and body clear
@@ -270,7 +272,7 @@ class _SequencePlanner:
 
     def plan_and_verify(
         self, safety_torque: float, margin_fraction: float
-    ) -> tuple[CompleteMotion | None, Motion]:
+    ) -> tuple[CompleteMotion | None, TransitionMotion]:
         """Plan a motion with an S_tau and a fraction of the margins, and verify it.
 
         If limbs or body come too close to anything, the motion is planned again with separating
@@ -279,7 +281,7 @@ class _SequencePlanner:
         """
         joint_margins = list(_JOINT_MARGINS)
         joint_margin = joint_margins.pop(0)
-        last_motion: Motion | None = None
+        last_motion: TransitionMotion | None = None
         while True:
             motion = self._plan(safety_torque, margin_fraction, joint_margin)
             if not motion.is_accepted:
@@ -301,7 +303,9 @@ class _SequencePlanner:
             elif separated or not self._separate:
                 return None, motion
 
-    def _plan(self, safety_torque: float, margin_fraction: float, joint_margin: float) -> Motion:
+    def _plan(
+        self, safety_torque: float, margin_fraction: float, joint_margin: float
+    ) -> TransitionMotion:
         with self.run.clock.stage("motion"):
             motion = plan_motion(
                 self.tables,
@@ -315,7 +319,7 @@ class _SequencePlanner:
         self.iterations += motion.iterations
         return motion
 
-    def _complete_and_verify(self, motion: Motion) -> tuple[CompleteMotion | None, bool]:
+    def _complete_and_verify(self, motion: TransitionMotion) -> tuple[CompleteMotion | None, bool]:
         """Complete and verify a motion; also return whether a limb leaves its reach on the way."""
         leaves_reach = False
         try:
@@ -338,7 +342,7 @@ class _SequencePlanner:
 
 
 @dataclass(frozen=True)
-class MethodResult:
+class TransitionResult:
     """The result of a planning method."""
 
     motion: CompleteMotion
@@ -347,7 +351,7 @@ class MethodResult:
     warnings: tuple[str, ...] = ()
 
 
-def assemble_plan(run: PlanningRun, result: MethodResult) -> ClimbPlan:
+def assemble_plan(run: TransitionRun, result: TransitionResult) -> ClimbPlan:
     """Assemble the plan from the result of a method."""
     loaded, scene, motion = run.loaded, run.scene, result.motion
     limits, robot_assumptions = (

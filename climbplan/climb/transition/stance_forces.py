@@ -22,7 +22,12 @@ from climbplan.climb.forces.statement import (
 )
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import compute_load_wrench
-from climbplan.climb.transition.footholds import Footholds, Poses, Reach, compute_reach
+from climbplan.climb.transition.footholds import (
+    CandidateBodyPoses,
+    CandidateFootholds,
+    Reach,
+    compute_reach,
+)
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.mechanics.friction import regular_corners, split_force
 from climbplan.robots.model import Robot
@@ -52,11 +57,11 @@ class SearchTables:
     """Precomputed tables of the search: footholds, poses and reachability."""
 
     scene: TransitionScene
-    footholds: Footholds
-    poses: Poses
+    footholds: CandidateFootholds
+    poses: CandidateBodyPoses
     reach: Reach
 
-    def with_poses(self, poses: Poses) -> SearchTables:
+    def with_poses(self, poses: CandidateBodyPoses) -> SearchTables:
         """Return tables with other poses."""
         reach = compute_reach(self.scene, self.footholds, poses)
         return SearchTables(self.scene, self.footholds, poses, reach)
@@ -177,7 +182,7 @@ def find_max_torque_factor(tables: SearchTables, stance: IntArray, pose: int) ->
 
 
 @dataclass(frozen=True)
-class Slip:
+class InsufficientFriction:
     """A contact of an infeasible stance whose friction is insufficient."""
 
     limb: int
@@ -187,7 +192,7 @@ class Slip:
 
 def find_slipping_contacts(
     tables: SearchTables, stance: IntArray, pose: int, factor: float
-) -> list[Slip]:
+) -> list[InsufficientFriction]:
     """Find contacts of a stance (N,) that use all friction at S_mu = `factor`, worst first."""
     pose_index = np.array([pose])
     statement = build_force_statement(
@@ -199,7 +204,9 @@ def find_slipping_contacts(
     limit = components.normal * statement.mu[0] / statement.safety_friction
     limbs = np.flatnonzero((components.shear > limit * (1 + 1e-6)) & (stance != LIFTED))
     slips = [
-        Slip(int(i), float(components.shear[i] / components.normal[i]), float(statement.mu[0, i]))
+        InsufficientFriction(
+            int(i), float(components.shear[i] / components.normal[i]), float(statement.mu[0, i])
+        )
         for i in limbs
     ]
     return sorted(slips, key=lambda slip: slip.available / slip.needed)

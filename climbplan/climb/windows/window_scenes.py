@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.postures.travel_distance import find_excessive_travel
-from climbplan.climb.scene.climb_scene import ClimbScene, Stance
+from climbplan.climb.scene.climb_scene import ClimbScene, ClimbStance
 from climbplan.climb.scene.within_reach import find_reachable_surfaces, restrict_terrain
 from climbplan.climb.schema.model import MAX_ROUNDS
 from climbplan.climb.windows.body_way import BodyPath
@@ -31,7 +31,7 @@ _RADIUS_MARGIN = 2e-3  # [m]
 class WindowStart:
     """The state from which a window continues."""
 
-    stance: Stance
+    stance: ClimbStance
     rounds: int  # planned so far
     covered: float  # [m] of the way
     num_backtracks: int  # times that rounds were given up because no window went on from them
@@ -149,11 +149,11 @@ def _build_approaching_window(
     return replace(window, spec=approaching, goal=goal)
 
 
-def _place_toes(scene: ClimbScene, com: Array, rpy: Array) -> Stance:
+def _place_toes(scene: ClimbScene, com: Array, rpy: Array) -> ClimbStance:
     """Place toes on the surface points nearest to the nominal stance of a body pose."""
     nominal = com + scene.robot.stance_body @ rotation_world_body(rpy).T
     region = np.array(
         [scene.terrain.nearest_surface(i, point) for i, point in enumerate(nominal)], np.int64
     )
     toes = [scene.terrain.surfaces[r].project(p) for r, p in zip(region, nominal, strict=True)]
-    return Stance(com, rpy, np.array(toes), region)
+    return ClimbStance(com, rpy, np.array(toes), region)

@@ -23,7 +23,7 @@ from climbplan.climb.clearance.swing import plan_swing_paths
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait.gait import plan_instants
 from climbplan.climb.motion.motion import (
-    Motion,
+    ClimbMotion,
     StageClock,
     SupportedMotion,
     plan_motion,
@@ -32,7 +32,7 @@ from climbplan.climb.motion.motion import (
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.cost_bound import bound_posture_cost
 from climbplan.climb.postures.planner import PostureResult
-from climbplan.climb.scene.climb_scene import ClimbScene, Stance
+from climbplan.climb.scene.climb_scene import ClimbScene, ClimbStance
 from climbplan.climb.windows.body_way import BodyPath
 from climbplan.climb.windows.window_scenes import (
     LOOSE_GAP,
@@ -65,10 +65,10 @@ class _Progress:
     warnings: list[str] = field(default_factory=list)
 
     @property
-    def stance(self) -> Stance:
+    def stance(self) -> ClimbStance:
         """Stance at which the next window begins."""
         r = self.rounds
-        return Stance(r.com[-1], r.rpy[-1], r.toes[-1], r.region[-1])
+        return ClimbStance(r.com[-1], r.rpy[-1], r.toes[-1], r.region[-1])
 
     @property
     def window_start(self) -> WindowStart:
@@ -134,7 +134,7 @@ def plan_in_windows(
 class _Window:
     """A window that was planned."""
 
-    motion: Motion  # of the rounds that are kept
+    motion: ClimbMotion  # of the rounds that are kept
     last: bool
 
 
@@ -255,7 +255,7 @@ def _join_windows(
         },
         warnings=(note,),
     )
-    motion = Motion(posture, instants, tuple(progress.notes), swings)
+    motion = ClimbMotion(posture, instants, tuple(progress.notes), swings)
     with clock.stage("force"):
         forces = plan_forces(whole_scene, instants)
     return WindowedMotion(whole_scene, SupportedMotion(motion, forces))

@@ -18,7 +18,7 @@ from climbplan.bookshelf.plan import dataset_frame as shelf
 from climbplan.bookshelf.schema.model import ShelfSolverSpec
 from climbplan.climb.envelopes import dataset_rows as terrains
 from climbplan.climb.envelopes.search import TOLERANCE, find_posture
-from climbplan.climb.envelopes.terrains import Patches
+from climbplan.climb.envelopes.terrains import LimbPatches
 from climbplan.datasets.schema.model import ProgramDatasetSpec, ShelfDatasetSpec
 from climbplan.errors import PlanFileError, SpecError, UsageError
 from climbplan.methods import dataset_rows as programs
@@ -198,11 +198,11 @@ def _check_terrains(data: Dataset, path: Path) -> Iterator[Check]:
     residual, linear = np.zeros(len(feasible)), np.zeros(len(infeasible))
     proved = 0
     for k, row in enumerate(feasible):
-        patches = Patches.from_vector(data.parameters[row])
+        patches = LimbPatches.from_vector(data.parameters[row])
         instance = statement.program.instantiate(statement.theta(patches))
         residual[k] = instance.violation(terrains.read_point(statement, data, int(row)))
     for k, row in enumerate(infeasible):
-        patches = Patches.from_vector(data.parameters[row])
+        patches = LimbPatches.from_vector(data.parameters[row])
         instance = statement.program.instantiate(statement.theta(patches))
         x = terrains.read_point(statement, data, row)
         linear[k] = terrains.compute_linear_violation(instance, x)

@@ -15,7 +15,7 @@ from climbplan.bookshelf.pages.figures import list_gallery_pages
 from climbplan.bookshelf.pages.pictures import infer_states
 from climbplan.bookshelf.plan.dataset_frame import KIND, read_shelf_dataset
 from climbplan.bookshelf.plan.shelf_plan import ShelfPlan
-from climbplan.bookshelf.scene.shelf_scene import State
+from climbplan.bookshelf.scene.shelf_scene import BookState
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
     draw_foot_legend,
@@ -91,14 +91,16 @@ def draw_states(plan: ShelfPlan) -> Figure:
     inserted = plan.solutions.state[placed, -1]
     groups = ((before, palette.MUTED), (after, COLORS["optimal"]), (inserted, palette.LIMBS[1]))
     for k, (values, color) in enumerate(groups):
-        fraction = np.mean(values[:, None] == np.arange(len(State)), axis=0) if len(values) else 0.0
+        fraction = (
+            np.mean(values[:, None] == np.arange(len(BookState)), axis=0) if len(values) else 0.0
+        )
         left.bar(
-            np.arange(len(State)) + 0.27 * (k - 1),
-            100.0 * np.broadcast_to(fraction, len(State)),
+            np.arange(len(BookState)) + 0.27 * (k - 1),
+            100.0 * np.broadcast_to(fraction, len(BookState)),
             width=0.25,
             color=color,
         )
-    left.set_xticks(range(len(State)), [state.label.replace(" ", "\n") for state in State])
+    left.set_xticks(range(len(BookState)), [state.label.replace(" ", "\n") for state in BookState])
     style_axes(left)
     left.set_ylabel("books [%]")
     draw_panel_title(left, "States", f"{len(plan.scenes)} scenes")

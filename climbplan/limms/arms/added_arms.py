@@ -20,7 +20,7 @@ from climbplan.limms.modules.chain import BRANCHES, inverse, range_excess
 from climbplan.limms.modules.limbs import compute_side_pose, compute_standing_rotation
 from climbplan.limms.motion.moving import compute_gaps, compute_rooted_points
 from climbplan.limms.motion.timeline import PartialPlan
-from climbplan.limms.scene.limms_scene import Pose, Scene
+from climbplan.limms.scene.limms_scene import FramePoses, ModuleScene
 
 _NORMAL_OFFSETS = (0.3, 0.45, 0.6, 0.75)  # [m] from the anchor, along its normal
 _LATERAL_OFFSETS = (-0.3, -0.15, 0.0, 0.15, 0.3)  # [m] across the normal
@@ -33,7 +33,7 @@ _MARGIN = 0.01  # [m] of the carrier from everything
 class CarrierPose:
     """A pose of a carrier: its free end as the root of the added arm, and its joints."""
 
-    root: Pose  # pose of the added arm's last end
+    root: FramePoses  # pose of the added arm's last end
     carrier: Array  # (6,) [rad]
     joint_travel: float  # [rad] of the added arm along the path of the box
 
@@ -60,7 +60,7 @@ def find_carrier_poses(
     scene = partial_plan.scene
     wall_end = 1 if partial_plan.tip_anchor[carrier] >= 0 else 0
     points = partial_plan.points(carrier)
-    anchored = Pose(points.position[7 * wall_end], points.rotation[7 * wall_end])
+    anchored = FramePoses(points.position[7 * wall_end], points.rotation[7 * wall_end])
     normal = anchored.rotation[:, 2] * (1.0 if wall_end == 0 else -1.0)
     positions, frames = _sample_end_poses(anchored.position, normal)
     joint_travel = _compute_joint_travel(scene, side, positions, frames, path)
@@ -71,7 +71,7 @@ def find_carrier_poses(
     order = np.flatnonzero(is_candidate)[np.argsort(joint_travel[is_candidate])]
     poses: list[CarrierPose] = []
     for k in order:
-        target = Pose(positions[k], frames[k])
+        target = FramePoses(positions[k], frames[k])
         angles = _solve_carrier(partial_plan, carrier, wall_end, anchored, target)
         if angles is not None:
             poses.append(CarrierPose(target, angles, float(joint_travel[k])))
@@ -110,15 +110,15 @@ def _build_frame(z: Array) -> Array:
 
 
 def _compute_joint_travel(
-    scene: Scene, side: int, positions: Array, frames: Array, path: Array
+    scene: ModuleScene, side: int, positions: Array, frames: Array, path: Array
 ) -> Array:
     """Return the joint travel (N,) of the added arm along the path [rad]; inf if infeasible."""
     on_box = compute_side_pose(scene, path[:, None], side, 0)  # (T, 1, 3)
     count = (len(path), len(positions), 3)
-    first = Pose(
+    first = FramePoses(
         np.broadcast_to(on_box.position, count), np.broadcast_to(on_box.rotation, (*count, 3))
     )
-    last = Pose(np.broadcast_to(positions, count), np.broadcast_to(frames, (*count, 3)))
+    last = FramePoses(np.broadcast_to(positions, count), np.broadcast_to(frames, (*count, 3)))
     travel = np.full(len(positions), np.inf)
     for branch in BRANCHES:
         solution = inverse(scene.module, first, last, branch)
@@ -133,7 +133,7 @@ def _compute_joint_travel(
 
 
 def _find_accessible(
-    scene: Scene, positions: Array, frames: Array, ground: tuple[float, ...]
+    scene: ModuleScene, positions: Array, frames: Array, ground: tuple[float, ...]
 ) -> BoolArray:
     """Return which ends a module that stands on the ground reaches with its last end, bool (N,)."""
     is_accessible = np.zeros(len(positions), bool)
@@ -145,9 +145,11 @@ def _find_accessible(
             for patch in scene.patches:
                 if abs(patch.height - height) < 1e-6:
                     is_on_ground |= patch.contains(bases, 0.05)
-            base = Pose(bases, np.broadcast_to(compute_standing_rotation(0), (len(bases), 3, 3)))
+            base = FramePoses(
+                bases, np.broadcast_to(compute_standing_rotation(0), (len(bases), 3, 3))
+            )
             for branch in BRANCHES if is_on_ground.any() else ():
-                solution = inverse(scene.module, base, Pose(positions, frames), branch)
+                solution = inverse(scene.module, base, FramePoses(positions, frames), branch)
                 fits = (solution.reach_error <= 0) & (
                     range_excess(scene.module, solution.angles) <= 0
                 )
@@ -156,14 +158,17 @@ def _find_accessible(
 
 
 def _solve_carrier(
-    partial_plan: PartialPlan, carrier: int, wall_end: int, anchored: Pose, target: Pose
+    partial_plan: PartialPlan, carrier: int, wall_end: int, anchored: FramePoses, target: FramePoses
 ) -> Array | None:
     """Return joints (6,) of the carrier that hold its free end at the target, or None."""
     scene = partial_plan.scene
     if wall_end == 1:
         first, last = target, anchored
     else:
-        first, last = anchored, Pose(target.position, target.rotation @ np.diag([1.0, -1, -1]))
+        first, last = (
+            anchored,
+            FramePoses(target.position, target.rotation @ np.diag([1.0, -1, -1])),
+        )
     options: list[tuple[float, Array]] = []
     for branch in BRANCHES:
         solution = inverse(scene.module, first, last, branch)
@@ -183,7 +188,7 @@ def _solve_carrier(
     return min(options, key=lambda option: option[0])[1] if options else None
 
 
-def find_ground_heights(scene: Scene) -> tuple[float, ...]:
+def find_ground_heights(scene: ModuleScene) -> tuple[float, ...]:
     """Return the heights of the ground that modules stand on at the start [m]."""
     return tuple(
         sorted({float(stand[2]) for stand in scene.start_position if not np.isnan(stand).any()})

@@ -21,8 +21,8 @@ from climbplan.limms.modules.contact import (
 )
 from climbplan.limms.modules.limbs import compute_limb_angles, compute_limb_points
 from climbplan.limms.scene.corridor import Corridor
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 from climbplan.limms.scene.placement import centre_of, yaw_of
 from climbplan.limms.schema.module import ModuleSpec
 
@@ -52,7 +52,7 @@ def list_way_points(task: HeldTask) -> Array:
 
 
 def compute_clearance(
-    scene: Scene, limbs: Sequence[Limb], box: Array, feet: Array, angles: Array
+    scene: ModuleScene, limbs: Sequence[SupportModule], box: Array, feet: Array, angles: Array
 ) -> Array:
     """Return the least gap (T,) of limbs from solids, boxes, themselves and each other [m].
 
@@ -101,11 +101,11 @@ class BranchChoice(NamedTuple):
 
     rank: int  # among branches with the same link positions, which differ in rolls only
     cost: float  # along the path
-    limb: Limb
+    limb: SupportModule
 
 
 def rank_branches(
-    scene: Scene, limb: Limb, path: Array, feet: Array, max_branches: int = 4
+    scene: ModuleScene, limb: SupportModule, path: Array, feet: Array, max_branches: int = 4
 ) -> list[BranchChoice]:
     """Return the limb in its best branches: feasible at the start, cheapest along the path.
 
@@ -119,7 +119,7 @@ def rank_branches(
         feet: Far end of the limb (T, 3) [m].
         max_branches: Largest number of branches.
     """
-    candidates: list[tuple[bool, float, Limb, tuple[float, ...]]] = []
+    candidates: list[tuple[bool, float, SupportModule, tuple[float, ...]]] = []
     for branch in BRANCHES:
         angles, reach_error = compute_limb_angles(scene, limb, path, feet, branch)
         excess = range_excess(scene.module, angles)
@@ -153,7 +153,7 @@ def rank_branches(
 
 
 def compute_release_fraction(
-    scene: Scene, limbs: Sequence[Limb], first: Array, last: Array
+    scene: ModuleScene, limbs: Sequence[SupportModule], first: Array, last: Array
 ) -> float:
     """Return the fraction of a straight line that all arms reach, in any branch."""
     fractions = np.linspace(0, 1, 41)
@@ -175,7 +175,7 @@ def compute_release_fraction(
 
 
 def rank_branches_on_path(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask
+    scene: ModuleScene, limbs: Sequence[SupportModule], task: HeldTask
 ) -> list[list[BranchChoice]]:
     """Return the best branches of each limb along the straight path, up to a release."""
     corners = list_way_points(task)
@@ -196,7 +196,7 @@ def rank_branches_on_path(
 
 def combine_choices(
     choices: Sequence[Sequence[BranchChoice]], max_combinations: int = 6
-) -> list[tuple[Limb, ...]]:
+) -> list[tuple[SupportModule, ...]]:
     """Return combinations of branches, other link positions before other rolls, cheapest first."""
     ranked = sorted(
         product(*choices),

@@ -18,14 +18,14 @@ from climbplan.limms.budget.solver_work import Work
 from climbplan.limms.motion.densify import CannotFollow
 from climbplan.limms.motion.moving import Blocked
 from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 _MAX_COMBINATIONS = 4  # combinations of branches
 
 
 def build_held_task(
-    scene: Scene, budget: SearchBudget, throw: bool = False, arrival_speed: float = 0.0
+    scene: ModuleScene, budget: SearchBudget, throw: bool = False, arrival_speed: float = 0.0
 ) -> HeldTask | None:
     """Build the task that brings the box from start to goal through free space, or return None."""
     start, goal = scene.start_placement, scene.goal_placement
@@ -37,12 +37,12 @@ def build_held_task(
 
 
 def solve_branches(
-    scene: Scene,
-    limbs: Sequence[Limb],
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
     task: HeldTask,
     name: str,
     budget: SearchBudget,
-) -> Iterator[tuple[Sequence[Limb], ProgramOutcome]]:
+) -> Iterator[tuple[Sequence[SupportModule], ProgramOutcome]]:
     """Yield branches with which the arms bring the box to its goal, and their solutions."""
     choices = rank_branches_on_path(scene, limbs, task)
     if not all(choices):
@@ -58,7 +58,7 @@ def solve_branches(
 
 
 def _solve_cached(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask, budget: SearchBudget
+    scene: ModuleScene, limbs: Sequence[SupportModule], task: HeldTask, budget: SearchBudget
 ) -> ProgramOutcome:
     """Return the solution of a program from the cache where only the pace differs.
 

@@ -18,7 +18,7 @@ from climbplan.limms.motion.stretch_clearance import require_clear_of_all
 from climbplan.limms.motion.timeline import NOWHERE, PartialPlan
 from climbplan.limms.scene.actions import Action
 from climbplan.limms.scene.bounds import Connection, compute_ground_end_frame
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.phases import SupportModule
 
 _DESCENT_COST = 2.0  # [m] of a descent from a wall, in addition to driving
 _MAX_ASSIGNMENTS = 2  # assignments of modules to try
@@ -105,7 +105,7 @@ def _can_drive(partial_plan: PartialPlan, ends: set[int]) -> bool:
     )
 
 
-def build_limb(partial_plan: PartialPlan, module: int, connection: Connection) -> Limb:
+def build_limb(partial_plan: PartialPlan, module: int, connection: Connection) -> SupportModule:
     """Return the arm of a module from a terrain anchor to a side of the box."""
     scene = partial_plan.scene
     latched = partial_plan.base_anchor[module] == scene.wall_offset + connection.root
@@ -116,7 +116,7 @@ def build_limb(partial_plan: PartialPlan, module: int, connection: Connection) -
 
 def assemble_carrying(
     partial_plan: PartialPlan,
-    limbs: Sequence[Limb],
+    limbs: Sequence[SupportModule],
     connections: Sequence[Connection],
     outcome: ProgramOutcome,
     rng: np.random.Generator,
@@ -138,7 +138,7 @@ def assemble_carrying(
 
 def bring_box(
     partial_plan: PartialPlan,
-    limbs: Sequence[Limb],
+    limbs: Sequence[SupportModule],
     outcome: ProgramOutcome,
     rng: np.random.Generator,
 ) -> PartialPlan:

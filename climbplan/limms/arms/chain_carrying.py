@@ -27,8 +27,8 @@ from climbplan.limms.motion.reaching import move_joints
 from climbplan.limms.motion.timeline import ADDED_ARM, PartialPlan
 from climbplan.limms.scene.actions import Action
 from climbplan.limms.scene.bounds import Connection, find_module_stands
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,9 @@ def plan_chain_carrying(
     return None
 
 
-def _assign_modules(scene: Scene, connections: Sequence[Connection]) -> Iterator[tuple[Chain, ...]]:
+def _assign_modules(
+    scene: ModuleScene, connections: Sequence[Connection]
+) -> Iterator[tuple[Chain, ...]]:
     """Yield the assignment of least distance; a module on an anchor starts the chain there."""
     needed = sum(c.links for c in connections)
     best: tuple[float, tuple[int, ...]] | None = None
@@ -178,7 +180,7 @@ def _latch_added_arms(
     chains: Sequence[Chain],
     chosen: Sequence[CarrierPose],
     rng: np.random.Generator,
-) -> tuple[PartialPlan, list[Limb]]:
+) -> tuple[PartialPlan, list[SupportModule]]:
     """Plan carriers that move their free ends into place, and added arms that latch to them.
 
     Raises:

@@ -13,12 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.budget.program_results import Cut, ProgramOutcome
+from climbplan.limms.budget.program_results import CollisionCut, ProgramOutcome
 from climbplan.limms.modules.contact import LINKS, gap_to_blocks, gap_to_boxes, link_segments
 from climbplan.limms.modules.limbs import compute_limb_angles, compute_limb_points
 from climbplan.limms.motion.cubics import evaluate_box_path
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb, PhaseTrajectory
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import PhaseTrajectory, SupportModule
 from climbplan.limms.scene.placement import centre_of, rotate_to_world, yaw_of
 
 CUT_MARGIN = 0.008  # [m] beyond the radius
@@ -26,15 +26,17 @@ MAX_CUT_ROUNDS = 4
 MAX_REFINEMENTS = 2  # number of times that knots may be doubled
 _NORMALS = np.vstack([np.eye(3), -np.eye(3)])
 
-SolveProgram = Callable[[Sequence[PhaseTrajectory] | None, Sequence[Cut]], ProgramOutcome]
+SolveProgram = Callable[[Sequence[PhaseTrajectory] | None, Sequence[CollisionCut]], ProgramOutcome]
 
 
-def solve_with_cuts(scene: Scene, limbs: Sequence[Limb], solve: SolveProgram) -> ProgramOutcome:
+def solve_with_cuts(
+    scene: ModuleScene, limbs: Sequence[SupportModule], solve: SolveProgram
+) -> ProgramOutcome:
     """Solve the program, add cuts for collisions at the knots, and solve again.
 
     Phases get twice the knots where only motion between the knots collides or is too fast.
     """
-    cuts: list[Cut] = []
+    cuts: list[CollisionCut] = []
     outcome = solve(None, cuts)
     rounds, refinements = 0, 0
     while outcome.solved:
@@ -64,8 +66,8 @@ def solve_with_cuts(scene: Scene, limbs: Sequence[Limb], solve: SolveProgram) ->
 
 
 def _find_all_cuts(
-    scene: Scene, limbs: Sequence[Limb], trajectories: Sequence[PhaseTrajectory]
-) -> list[Cut]:
+    scene: ModuleScene, limbs: Sequence[SupportModule], trajectories: Sequence[PhaseTrajectory]
+) -> list[CollisionCut]:
     """Return the cuts for all phases but flights."""
     return [
         cut
@@ -76,7 +78,7 @@ def _find_all_cuts(
 
 
 def refine_trajectory(
-    scene: Scene, limbs: Sequence[Limb], trajectory: PhaseTrajectory
+    scene: ModuleScene, limbs: Sequence[SupportModule], trajectory: PhaseTrajectory
 ) -> PhaseTrajectory:
     """Return the same motion with twice the knots; cubics are split exactly."""
     num_intervals = 2 * trajectory.phase.intervals
@@ -105,7 +107,9 @@ def refine_trajectory(
     )
 
 
-def _is_rough(scene: Scene, limbs: Sequence[Limb], trajectory: PhaseTrajectory) -> bool:
+def _is_rough(
+    scene: ModuleScene, limbs: Sequence[SupportModule], trajectory: PhaseTrajectory
+) -> bool:
     """Return whether links collide or joints are too fast between the knots of a phase."""
     if trajectory.phase.kind == "flight":
         return False
@@ -116,8 +120,8 @@ def _is_rough(scene: Scene, limbs: Sequence[Limb], trajectory: PhaseTrajectory) 
 
 
 def find_cuts(
-    scene: Scene, limbs: Sequence[Limb], phase: int, trajectory: PhaseTrajectory
-) -> list[Cut]:
+    scene: ModuleScene, limbs: Sequence[SupportModule], phase: int, trajectory: PhaseTrajectory
+) -> list[CollisionCut]:
     """Return cuts for all links that collide at knots of a phase."""
     radius = scene.module.radius
     half = scene.box_size / 2
@@ -192,7 +196,7 @@ def _build_cuts(
     centre: Array,
     yaw: float,
     is_carried: bool,
-) -> list[Cut]:
+) -> list[CollisionCut]:
     """Return cuts that keep both ends of a link beyond the nearest face of a block.
 
     Args:
@@ -216,7 +220,7 @@ def _build_cuts(
         normal = rotate_to_world(yaw, normal)
         offset += float(normal @ centre)
     return [
-        Cut(location.phase, location.knot, location.limb, end, normal, offset, is_carried)
+        CollisionCut(location.phase, location.knot, location.limb, end, normal, offset, is_carried)
         for end in ends
         if end not in (0, 7)  # latched or standing ends do not move
     ]

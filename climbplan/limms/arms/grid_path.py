@@ -26,8 +26,8 @@ from climbplan.limms.arms.branch_choices import (
 from climbplan.limms.modules.chain import range_excess
 from climbplan.limms.modules.limbs import compute_limb_angles
 from climbplan.limms.scene.corridor import decompose_free_space, path_length
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 NODE_SPACING = 0.07  # [m] between nodes
 SEARCH_MARGIN = 0.35  # [m] around start and goal
@@ -38,7 +38,7 @@ _JOINT_WEIGHT = 0.05  # [m/rad] of joint steps in path costs
 
 
 def find_grid_path(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask
+    scene: ModuleScene, limbs: Sequence[SupportModule], task: HeldTask
 ) -> list[tuple[Array, Array]]:
     """Find pieces (n, D) of a path, each with its free block (2, D); empty if there is none.
 

@@ -13,8 +13,8 @@ from climbplan.limms.arms.branch_choices import HeldTask, compute_release_fracti
 from climbplan.limms.arms.grid_path import find_grid_path
 from climbplan.limms.modules.limbs import compute_limb_angles
 from climbplan.limms.scene.corridor import path_length
-from climbplan.limms.scene.limms_scene import GRAVITY, Scene
-from climbplan.limms.scene.phases import Limb, Phase, PhaseTrajectory
+from climbplan.limms.scene.limms_scene import GRAVITY, ModuleScene
+from climbplan.limms.scene.phases import BoxPhase, PhaseTrajectory, SupportModule
 from climbplan.limms.scene.placement import centre_of
 
 KNOTS = 8  # intervals of a phase
@@ -36,8 +36,8 @@ def list_detours(start: Array, end: Array) -> list[Array]:
 
 
 def build_guess(
-    scene: Scene,
-    limbs: Sequence[Limb],
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
     task: HeldTask,
     detour: Array | None = None,
     release_fraction: float = 0.92,
@@ -85,7 +85,7 @@ class PathPiece:
 
 
 def build_trajectories(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask, pieces: Sequence[PathPiece]
+    scene: ModuleScene, limbs: Sequence[SupportModule], task: HeldTask, pieces: Sequence[PathPiece]
 ) -> list[PhaseTrajectory]:
     """Build the guess along pieces of a path, with a parabola at the end if the box is thrown."""
     trajectories: list[PhaseTrajectory] = []
@@ -105,7 +105,7 @@ def build_trajectories(
                 np.round((trajectories[-1].angles[-1] - angles[0]) / (2 * np.pi)) * 2 * np.pi
             )
             angles = angles + full_turns
-        phase = Phase("held", block[0], block[1], KNOTS, 0.15, 12.0)
+        phase = BoxPhase("held", block[0], block[1], KNOTS, 0.15, 12.0)
         trajectories.append(
             PhaseTrajectory(
                 phase,
@@ -131,7 +131,7 @@ def _build_flight(release: Array, goal: Array, block: Array, limbs: int) -> Phas
     gravity = np.array([0, 0, -GRAVITY, 0])[: len(goal)]
     velocity = (goal - release) / duration - gravity * duration / 2
     times = np.linspace(0, duration, 2)[:, None]
-    phase = Phase("flight", block[0], block[1], 1, 0.05, 2.0)
+    phase = BoxPhase("flight", block[0], block[1], 1, 0.05, 2.0)
     return PhaseTrajectory(
         phase,
         duration,
@@ -145,7 +145,7 @@ def _build_flight(release: Array, goal: Array, block: Array, limbs: int) -> Phas
 
 
 def generate_guesses(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask
+    scene: ModuleScene, limbs: Sequence[SupportModule], task: HeldTask
 ) -> Iterator[list[PhaseTrajectory]]:
     """Yield guesses lazily.
 
@@ -166,7 +166,7 @@ def generate_guesses(
 
 
 def search_guess(
-    scene: Scene, limbs: Sequence[Limb], task: HeldTask
+    scene: ModuleScene, limbs: Sequence[SupportModule], task: HeldTask
 ) -> list[PhaseTrajectory] | None:
     """Return a slow motion along the path of a grid search, or None."""
     pieces = []

@@ -10,18 +10,18 @@ from climbplan.limms.arms.branch_choices import HeldTask
 from climbplan.limms.arms.collision_cuts import solve_with_cuts
 from climbplan.limms.arms.guess import generate_guesses
 from climbplan.limms.arms.program import solve_arms
-from climbplan.limms.budget.program_results import BoundaryConditions, Cut, ProgramOutcome
+from climbplan.limms.budget.program_results import BoundaryConditions, CollisionCut, ProgramOutcome
 from climbplan.limms.budget.solver_work import Work
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb, PhaseTrajectory
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import PhaseTrajectory, SupportModule
 
 MAX_ITERATIONS = 600  # of IPOPT, for all programs of one choice of branches
 MAX_ITERATIONS_PER_PROGRAM = 100  # for one of them
 
 
 def solve_held_stage(
-    scene: Scene,
-    limbs: Sequence[Limb],
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
     task: HeldTask,
     deadline: float,
     initial_guess: Sequence[PhaseTrajectory] | None = None,
@@ -47,7 +47,7 @@ def solve_held_stage(
 
         def solve_program(
             guess: Sequence[PhaseTrajectory] | None,
-            cuts: Sequence[Cut],
+            cuts: Sequence[CollisionCut],
             start_guess: list[PhaseTrajectory] = start_guess,
         ) -> ProgramOutcome:
             nonlocal work

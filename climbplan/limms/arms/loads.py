@@ -12,11 +12,11 @@ import casadi as ca
 from climbplan.limms.arms.symbols import build_arm_symbols
 from climbplan.limms.modules.chain import ROLLS
 from climbplan.limms.modules.inertia import LinkBodies, build_link_bodies
-from climbplan.limms.scene.limms_scene import GRAVITY, Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import GRAVITY, ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 
-def build_load_function(scene: Scene, limb: Limb) -> ca.Function:
+def build_load_function(scene: ModuleScene, limb: SupportModule) -> ca.Function:
     """Build the inverse dynamics of an arm.
 
     Returns:
@@ -46,8 +46,8 @@ def build_load_function(scene: Scene, limb: Limb) -> ca.Function:
 
 
 def _newton_euler(
-    scene: Scene,
-    limb: Limb,
+    scene: ModuleScene,
+    limb: SupportModule,
     root: int,
     *,
     angles: ca.SX,

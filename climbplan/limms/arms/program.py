@@ -24,16 +24,16 @@ from climbplan.limms.arms.symbols import (
     compute_box_frame,
     compute_margin_bounds,
 )
-from climbplan.limms.budget.program_results import BoundaryConditions, Cut, ProgramOutcome
+from climbplan.limms.budget.program_results import BoundaryConditions, CollisionCut, ProgramOutcome
 from climbplan.limms.budget.solver_work import measure_work
 from climbplan.limms.modules.chain import inverse
 from climbplan.limms.modules.chain_symbols import build_chain_function
 from climbplan.limms.modules.limbs import compute_limb_frames
-from climbplan.limms.scene.limms_scene import GRAVITY, Scene
-from climbplan.limms.scene.phases import Limb, PhaseTrajectory, compute_load_sharing
+from climbplan.limms.scene.limms_scene import GRAVITY, ModuleScene
+from climbplan.limms.scene.phases import PhaseTrajectory, SupportModule, compute_load_sharing
 from climbplan.limms.scene.placement import inertia_about_vertical
-from climbplan.program.trajectory import Trajectory
-from climbplan.solvers.ipopt.trajectory import solve_trajectory
+from climbplan.program.staged_program import StagedProgram
+from climbplan.solvers.ipopt.staged_program import solve_staged_program
 
 SPEED_FRACTION = 0.93  # of the joint speed limit at knots; motion between them needs the rest
 FORCE_FRACTION = 0.985  # of the limits of latches
@@ -53,12 +53,12 @@ _SETTINGS = {
 
 
 def solve_arms(
-    scene: Scene,
-    limbs: Sequence[Limb],
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
     guess: Sequence[PhaseTrajectory],
     ends: BoundaryConditions,
     *,
-    cuts: Sequence[Cut] = (),
+    cuts: Sequence[CollisionCut] = (),
     deadline: float = np.inf,
     iterations: int = 100,
 ) -> ProgramOutcome:
@@ -79,7 +79,7 @@ def solve_arms(
         program.add_phase(trajectory, [cut for cut in cuts if cut.phase == index])
     program.finish(guess)
     settings = {**_SETTINGS, "max_iter": iterations}
-    answer = solve_trajectory(program.store, program.outputs, settings, start_time, deadline)
+    answer = solve_staged_program(program.store, program.outputs, settings, start_time, deadline)
     return ProgramOutcome(
         traces=_read_trajectories(scene, limbs, answer.values, guess),
         is_optimal=answer.optimal,
@@ -91,8 +91,10 @@ def solve_arms(
 class _ArmProgram:
     """The program under construction, phase after phase."""
 
-    def __init__(self, scene: Scene, limbs: Sequence[Limb], ends: BoundaryConditions) -> None:
-        self.scene, self.limbs, self.ends, self.store = scene, limbs, ends, Trajectory("arms")
+    def __init__(
+        self, scene: ModuleScene, limbs: Sequence[SupportModule], ends: BoundaryConditions
+    ) -> None:
+        self.scene, self.limbs, self.ends, self.store = scene, limbs, ends, StagedProgram("arms")
         self.arms = [build_arm_function(scene, limb) for limb in limbs]
         self.loads = [] if scene.massless else [build_load_function(scene, limb) for limb in limbs]
         self.chain = build_chain_function(scene.module)
@@ -102,7 +104,7 @@ class _ArmProgram:
         self.varied: tuple[int, ...] = ()
         self.is_first = True
 
-    def add_phase(self, guess: PhaseTrajectory, cuts: Sequence[Cut]) -> None:
+    def add_phase(self, guess: PhaseTrajectory, cuts: Sequence[CollisionCut]) -> None:
         """Add one phase: motion of the box, and of the arms that hold it."""
         store, phase = self.store, guess.phase
         num_intervals = phase.intervals
@@ -246,7 +248,7 @@ class _ArmProgram:
         p: list[ca.MX],
         v: list[ca.MX],
         step: ca.MX,
-        cuts: Sequence[Cut],
+        cuts: Sequence[CollisionCut],
         is_first: bool,
     ) -> None:
         """Add joint ranges and speeds, distances from singularities, and cuts."""
@@ -273,7 +275,7 @@ class _ArmProgram:
                     if cut.limb == i and cut.knot == k:
                         self._add_cut(cut, limb, angles, p[k])
 
-    def _add_cut(self, cut: Cut, limb: Limb, angles: ca.MX, p: ca.MX) -> None:
+    def _add_cut(self, cut: CollisionCut, limb: SupportModule, angles: ca.MX, p: ca.MX) -> None:
         """Add a cutting plane for a point of a limb."""
         points, _, _ = self.chain(angles, ca.DM.zeros(6))
         frame = compute_box_frame(p)
@@ -293,7 +295,10 @@ def _yaw_entry(entries: ca.MX) -> ca.MX | float:
 
 
 def _read_trajectories(
-    scene: Scene, limbs: Sequence[Limb], values: Sequence[Array], guess: Sequence[PhaseTrajectory]
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
+    values: Sequence[Array],
+    guess: Sequence[PhaseTrajectory],
 ) -> tuple[PhaseTrajectory, ...]:
     """Return the solution phase by phase, with exact inverse kinematics so that chains close."""
     trajectories: list[PhaseTrajectory] = []
@@ -321,7 +326,9 @@ def _read_trajectories(
     return tuple(trajectories)
 
 
-def _solve_angles(scene: Scene, limb: Limb, position: Array, reference: Array) -> Array:
+def _solve_angles(
+    scene: ModuleScene, limb: SupportModule, position: Array, reference: Array
+) -> Array:
     """Return the joint angles (K + 1, 6) of a limb near to reference angles."""
     first, last = compute_limb_frames(scene, limb, position, limb.fixed_position)
     angles = inverse(scene.module, first, last, limb.branch).angles

@@ -38,8 +38,8 @@ from climbplan.limms.motion.timeline import (
 )
 from climbplan.limms.scene.actions import Action
 from climbplan.limms.scene.bounds import Connection, compute_ground_end_frame
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 
 def plan_relatching(
@@ -74,7 +74,7 @@ def plan_relatching(
     return None
 
 
-def _rank_modules(scene: Scene, connection: Connection) -> Iterator[int]:
+def _rank_modules(scene: ModuleScene, connection: Connection) -> Iterator[int]:
     """Yield modules, those nearest to the side of the box first."""
     side_position = compute_side_pose(scene, scene.start_placement, connection.side, 0).position
     ranked = []
@@ -154,7 +154,7 @@ def _latch_from_anchor(
     raise reason
 
 
-def wait_for_latch(partial_plan: PartialPlan, limb: Limb, name: str) -> None:
+def wait_for_latch(partial_plan: PartialPlan, limb: SupportModule, name: str) -> None:
     """Add a rest for the dwell time of a latch, the arm holding the standing box."""
     scene = partial_plan.scene
     partial_plan.box_mode = MANIPULATED
@@ -165,7 +165,7 @@ def wait_for_latch(partial_plan: PartialPlan, limb: Limb, name: str) -> None:
 
 def _carry_from_box(
     partial_plan: PartialPlan,
-    limb: Limb,
+    limb: SupportModule,
     connection: Connection,
     outcome: ProgramOutcome,
     rng: np.random.Generator,

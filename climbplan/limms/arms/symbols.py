@@ -15,15 +15,15 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.modules.chain import ROLLS
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 Symbol = TypeVar("Symbol", ca.SX, ca.MX)
 
 _SMOOTHING = 1e-4  # squares of sines below it are smoothed to zero
 
 
-def build_arm_function(scene: Scene, limb: Limb) -> ca.Function:
+def build_arm_function(scene: ModuleScene, limb: SupportModule) -> ca.Function:
     """Build the inverse kinematics of an arm.
 
     Returns:
@@ -51,7 +51,7 @@ class ArmSymbols:
     margins: ca.SX  # (3,) as in `build_arm_function`
 
 
-def build_arm_symbols(scene: Scene, limb: Limb) -> ArmSymbols:
+def build_arm_symbols(scene: ModuleScene, limb: SupportModule) -> ArmSymbols:
     """Return angles, rates and margins of an arm as closed expressions."""
     size = len(scene.start_placement)
     place, velocity = ca.SX.sym("place", size), ca.SX.sym("velocity", size)
@@ -84,7 +84,7 @@ def compute_box_frame(place: Symbol) -> Symbol:
 
 
 def _inverse(
-    scene: Scene,
+    scene: ModuleScene,
     branch: tuple[int, int, int],
     *,
     first: ca.SX,

@@ -10,7 +10,7 @@ from climbplan.limms.scene.phases import PhaseTrajectory
 
 
 @dataclass(frozen=True)
-class Cut:
+class CollisionCut:
     """A cutting plane: a point of a limb stays on one side of a plane, found from a collision.
 
     The constraint is normal . point >= offset at one knot, for points 0 to 7 of the module. The

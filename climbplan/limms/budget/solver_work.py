@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from climbplan.solvers.ipopt.trajectory import TrajectoryAnswer
+from climbplan.solvers.ipopt.staged_program import StagedProgramAnswer
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,6 @@ class Work:
         )
 
 
-def measure_work(answer: TrajectoryAnswer) -> Work:
+def measure_work(answer: StagedProgramAnswer) -> Work:
     """Return the work of one program."""
     return Work(1, answer.iterations, answer.seconds, answer.build_seconds)

@@ -19,7 +19,7 @@ from climbplan.limms.check.masses import check_masses
 from climbplan.limms.check.motion import check_motion
 from climbplan.limms.check.spec import check_spec
 from climbplan.limms.plan.limms_plan import BOX_MODES, MODULE_MODES, LimmsPlan
-from climbplan.limms.scene.limms_scene import Pose
+from climbplan.limms.scene.limms_scene import FramePoses
 from climbplan.limms.schema.module import OF_MASSES, ModuleSpec
 from climbplan.schema.holding import HeldSpec
 from climbplan.verification.check import Check
@@ -208,7 +208,7 @@ def _compute_rate_errors(time: Array, angles: Array, rates: Array) -> Array:
 def _check_points(plan: LimmsPlan, module: ModuleSpec) -> Check:
     """Return the check of stored points against the joint angles."""
     motion = plan.motion
-    base = Pose(motion.joint_position[:, :, 0], motion.joint_rotation[:, :, 0])
+    base = FramePoses(motion.joint_position[:, :, 0], motion.joint_rotation[:, :, 0])
     computed = compute_points(module, 0, base, motion.joint_angles)
     error = np.maximum(
         np.abs(computed.position - motion.joint_position).max(axis=(1, 2, 3)),

@@ -18,7 +18,7 @@ from climbplan.limms.check.kinematics import (
     compute_yaw_rotation,
 )
 from climbplan.limms.plan.limms_plan import LimmsPlan
-from climbplan.limms.scene.limms_scene import Points, Pose
+from climbplan.limms.scene.limms_scene import FramePoses, Points
 from climbplan.limms.schema.module import ModuleSpec
 
 STEP = 1e-3  # [s]
@@ -28,7 +28,7 @@ class HeldRoot(NamedTuple):
     """The held end of a module, and its pose (M, 3), (M, 3, 3)."""
 
     end: int
-    pose: Pose
+    pose: FramePoses
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,9 @@ def order_carriers_first(plan: LimmsPlan, sample: int) -> list[int]:
     return order
 
 
-def compute_anchor_pose(plan: LimmsPlan, anchor: int, end: int, box: Array, yaw: Array) -> Pose:
+def compute_anchor_pose(
+    plan: LimmsPlan, anchor: int, end: int, box: Array, yaw: Array
+) -> FramePoses:
     """Return the pose (M, 3), (M, 3, 3) of an end on an anchor.
 
     Args:
@@ -152,9 +154,11 @@ def compute_anchor_pose(plan: LimmsPlan, anchor: int, end: int, box: Array, yaw:
         b = anchor // 4
         frame = compute_yaw_rotation(yaw[:, b])
         position = box[:, b] + frame @ (normal * np.abs(normal @ plan.box_size[b]) / 2)
-        return Pose(position, frame @ compute_anchor_end_frame(normal, end))
+        return FramePoses(position, frame @ compute_anchor_end_frame(normal, end))
     position = np.tile(plan.motion.anchor_position[0, anchor], (count, 1))
-    return Pose(position, np.broadcast_to(compute_anchor_end_frame(normal, end), (count, 3, 3)))
+    return FramePoses(
+        position, np.broadcast_to(compute_anchor_end_frame(normal, end), (count, 3, 3))
+    )
 
 
 def _find_root(
@@ -186,14 +190,17 @@ def _find_root(
             rotation = compute_mated_end_frame(
                 carrier.rotation[:, 7 * parent_end], parent_end, held_end
             )
-            return HeldRoot(held_end, Pose(carrier.position[:, 7 * parent_end], rotation))
+            return HeldRoot(held_end, FramePoses(carrier.position[:, 7 * parent_end], rotation))
     end = max(ground, 0)
     path = motion.joint_position[span, m, 7 * end]
     position = np.stack([np.interp(times, time, path[:, i]) for i in range(3)], axis=-1)
     if ground >= 0:
         return HeldRoot(
-            end, Pose(position, np.broadcast_to(compute_ground_end_frame(end), (len(times), 3, 3)))
+            end,
+            FramePoses(
+                position, np.broadcast_to(compute_ground_end_frame(end), (len(times), 3, 3))
+            ),
         )
     # Without a contact the stored pose is interpolated
     nearest = np.clip(np.searchsorted(time, times), 0, len(time) - 1)
-    return HeldRoot(end, Pose(position, motion.joint_rotation[span, m, 0][nearest]))
+    return HeldRoot(end, FramePoses(position, motion.joint_rotation[span, m, 0][nearest]))

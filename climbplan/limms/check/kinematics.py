@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array
-from climbplan.limms.scene.limms_scene import Points, Pose
+from climbplan.limms.scene.limms_scene import FramePoses, Points
 from climbplan.limms.schema.module import ModuleSpec
 
 _Y_AXIS, _Z_AXIS = np.array([0.0, 1.0, 0.0]), np.array([0.0, 0.0, 1.0])
@@ -18,7 +18,7 @@ _AXES = (_Z_AXIS, _Y_AXIS, _Y_AXIS, _Z_AXIS, _Y_AXIS, _Z_AXIS)
 _HALF_TURN = Rotation.from_rotvec([np.pi, 0.0, 0.0]).as_matrix()  # rotation by pi about x
 
 
-def compute_points(module: ModuleSpec, end: int, root: Pose, angles: Array) -> Points:
+def compute_points(module: ModuleSpec, end: int, root: FramePoses, angles: Array) -> Points:
     """Return all points of modules whose end (0 first, 1 last) is at `root`.
 
     Args:

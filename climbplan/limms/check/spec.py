@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.errors import SpecError
 from climbplan.limms.check.limits import judge
 from climbplan.limms.plan.limms_plan import LimmsPlan
-from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene, build_scene
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, ModuleScene, build_scene
 from climbplan.limms.schema.loading import stored_limms
 from climbplan.limms.schema.model import LimmsSpec
 from climbplan.limms.schema.module import OF_MASSES
@@ -45,7 +45,7 @@ def check_spec(plan: LimmsPlan) -> Iterator[Check]:
     yield _judge_largest("file.spec_values", _compare_values(plan, scene, stored.loaded.spec))
 
 
-def _compare_values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[Difference]:
+def _compare_values(plan: LimmsPlan, scene: ModuleScene, spec: LimmsSpec) -> Iterator[Difference]:
     """Yield the differences of stored and rebuilt values."""
     motion, offset = plan.motion, scene.wall_offset
     yield check_equality("massless", plan.massless == spec.massless)
@@ -82,7 +82,7 @@ def _compare_values(plan: LimmsPlan, scene: Scene, spec: LimmsSpec) -> Iterator[
         yield from compare_recursively("modules", motion.joint_position[0, :, 0], first_ends)
 
 
-def _list_anchor_positions(scene: Scene) -> np.ndarray:
+def _list_anchor_positions(scene: ModuleScene) -> np.ndarray:
     """Return where first ends of modules are latched (L, 3); unused values for standing ones."""
     if not scene.num_wall_anchors:
         return scene.start_position

@@ -55,7 +55,7 @@ class IterationRecord:
 
 
 @dataclass(frozen=True)
-class Iterate:
+class ConsensusIterate:
     """The iterate on which the blocks agreed best."""
 
     number: int
@@ -117,7 +117,7 @@ class ConsensusRun:
     """The iterations from one choice of integers."""
 
     steps: tuple[IterationRecord, ...]
-    best: Iterate
+    best: ConsensusIterate
 
 
 def run_admm(
@@ -150,7 +150,7 @@ def run_admm(
     assert initial.copy is not None
     dual = initial.copy.scale(0.0)
     records: list[IterationRecord] = []
-    best: Iterate | None = None
+    best: ConsensusIterate | None = None
     projection: Projection | None = None
     for index in range(parameters.iterations):
         assert solution.copy is not None
@@ -214,11 +214,11 @@ def _build_iterate(
     residual: ConsensusResidual,
     solution: BlockSolution,
     kinematic: KinematicSolution,
-) -> Iterate:
+) -> ConsensusIterate:
     """Return the iterate of an iteration."""
     assert solution.modes is not None
     assert solution.velocity is not None
-    return Iterate(
+    return ConsensusIterate(
         number,
         solution.modes,
         kinematic.copy,

@@ -16,7 +16,7 @@ from climbplan.limms.consensus.knot_contacts import (
     ModuleContacts,
     compute_patch_bounds,
 )
-from climbplan.limms.consensus.knot_program import Pose
+from climbplan.limms.consensus.knot_program import KnotConfiguration
 from climbplan.limms.consensus.problem import CHAIN_POINTS, ConsensusProblem
 from climbplan.limms.modules.chain import (
     BRANCHES,
@@ -28,7 +28,7 @@ from climbplan.limms.modules.chain import (
 from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.modules.limbs import compute_standing_rotation
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Points, anchor_frame
-from climbplan.limms.scene.limms_scene import Pose as Frame
+from climbplan.limms.scene.limms_scene import FramePoses as Frame
 
 _PENETRATION_WEIGHT = 50.0  # [1/m] of penetrations against squared distances
 _STANCE_DISTANCES = (0.3, 0.38, 0.46, 0.54, 0.62)  # [m] of feet from faces of the box
@@ -41,7 +41,7 @@ def compute_initial_guess(
     box: Array,
     points: Array,
     earlier_angles: Sequence[Array | None],
-) -> tuple[Pose, list[Points]]:
+) -> tuple[KnotConfiguration, list[Points]]:
     """Return the best candidate of each module by itself, and all of its points.
 
     Args:
@@ -86,7 +86,7 @@ def compute_initial_guess(
         best = int(np.argmin(cost))
         angles[module], roots[module] = candidate_angles[best], root_positions[best]
         placed[module] = Points(candidate_points.position[best], candidate_points.rotation[best])
-    return Pose(box, roots, angles), [placed[module] for module in range(num_modules)]
+    return KnotConfiguration(box, roots, angles), [placed[module] for module in range(num_modules)]
 
 
 def _iterate_roots(

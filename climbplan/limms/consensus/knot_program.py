@@ -47,7 +47,7 @@ Pattern = tuple[tuple[int, int, bool], ...]  # root end, parent, root is on the 
 
 
 @dataclass(frozen=True)
-class Pose:
+class KnotConfiguration:
     """All modules at a knot: box (3,), first or last ends (L, 3) as rooted, angles (L, 6)."""
 
     box: Array
@@ -67,7 +67,7 @@ class SeparatingPlane:
 class KnotSolution:
     """A solution at a knot."""
 
-    pose: Pose
+    pose: KnotConfiguration
     points: Array  # (L, 5, 3) [m]
     violation: float
     seconds: float
@@ -82,7 +82,7 @@ class _ModuleFrames:
     last: ca.SX
 
 
-class _ContactRows:
+class _ContactModeBounds:
     """Bounds of rows and parameters that depend on the contacts of L modules."""
 
     def __init__(self, num_modules: int) -> None:
@@ -149,7 +149,7 @@ class KnotPrograms:
     def solve(
         self,
         contacts: Sequence[ModuleContacts],
-        start: Pose,
+        start: KnotConfiguration,
         *,
         target_box: Array,
         target_points: Array,
@@ -197,7 +197,7 @@ class KnotPrograms:
         x, g = answer.v, answer.rows
         violation = float(np.max(np.maximum(row_lower - g, g - row_upper), initial=0.0))
         points = np.asarray(points_of(x, parameters)).ravel().reshape(num_modules, POINTS, 3)
-        pose = Pose(
+        pose = KnotConfiguration(
             x[:3],
             x[3 : 3 + 3 * num_modules].reshape(num_modules, 3),
             x[3 + 3 * num_modules :].reshape(num_modules, 6),
@@ -206,7 +206,7 @@ class KnotPrograms:
 
     def _build_bounds(
         self, contacts: Sequence[ModuleContacts], blocks: Array
-    ) -> tuple[Array, Array, Array, Array, _ContactRows]:
+    ) -> tuple[Array, Array, Array, Array, _ContactModeBounds]:
         """Return bounds of variables and of rows, and the rows that depend on contacts."""
         problem, num_modules = self.problem, self.problem.scene.num_modules
         joint_range = np.array(problem.scene.module.joint_range)
@@ -214,7 +214,7 @@ class KnotPrograms:
         box_high = problem.centre_blocks[:, 1].max(axis=0)
         root = np.full(3 * num_modules, 50.0)
         point_low, point_high = _compute_block_bounds(problem, blocks)
-        rows = _ContactRows(num_modules)
+        rows = _ContactModeBounds(num_modules)
         for module, contact in enumerate(contacts):
             for index, end in enumerate(contact.ends):
                 rows.attach(problem, module, index, end, is_root=index == contact.root)

@@ -12,7 +12,7 @@ from climbplan.arrays import Array, IntArray
 from climbplan.limms.consensus.block_solution import LocalCopy, Modes
 from climbplan.limms.consensus.knot_contacts import ModuleContacts, find_contacts
 from climbplan.limms.consensus.knot_guess import compute_initial_guess
-from climbplan.limms.consensus.knot_program import KnotPrograms, KnotSolution, Pose
+from climbplan.limms.consensus.knot_program import KnotConfiguration, KnotPrograms, KnotSolution
 from climbplan.limms.consensus.planes import build_planes
 from climbplan.limms.consensus.problem import (
     CHAIN_POINTS,
@@ -22,8 +22,8 @@ from climbplan.limms.consensus.problem import (
     compute_start_points,
 )
 from climbplan.limms.modules.chain import forward, forward_from_last
+from climbplan.limms.scene.limms_scene import FramePoses as Frame
 from climbplan.limms.scene.limms_scene import Points
-from climbplan.limms.scene.limms_scene import Pose as Frame
 
 BOX_WEIGHT, POINT_WEIGHT = 10.0, 1.0  # [1/m^2] of squared disagreements
 PENETRATION_TOLERANCE = 1e-4  # [m]; deeper links get new planes
@@ -84,7 +84,7 @@ class NonlinearBlock:
     def __init__(self, problem: ConsensusProblem) -> None:
         self.problem = problem
         self.programs = KnotPrograms(problem)
-        self._poses: list[Pose | None] = [None] * problem.knots
+        self._poses: list[KnotConfiguration | None] = [None] * problem.knots
         self.solves = 0
 
     def solve(self, target: LocalCopy, modes: Modes, deadline: float) -> KinematicSolution:
@@ -104,7 +104,7 @@ class NonlinearBlock:
         box, points = np.zeros((num_knots, 3)), np.zeros((num_knots, num_modules, POINTS, 3))
         angles, region = np.zeros((num_knots, num_modules, 6)), modes.region.copy()
         box[0], points[0] = problem.scene.box_start[0], compute_start_points(problem)
-        poses: list[Pose | None] = [None] * num_knots
+        poses: list[KnotConfiguration | None] = [None] * num_knots
         violation, penetration = 0.0, 0.0
         for knot in range(1, num_knots):
             if time.monotonic() > deadline:
@@ -142,7 +142,7 @@ class NonlinearBlock:
         self,
         contacts: tuple[ModuleContacts, ...],
         target: _KnotTarget,
-        starts: Sequence[Pose],
+        starts: Sequence[KnotConfiguration],
         region: IntArray,
         deadline: float,
     ) -> _KnotResult:
@@ -169,7 +169,7 @@ class NonlinearBlock:
         for start in starts:
             if result.is_feasible and result.target_distance <= TARGET_TOLERANCE:
                 break
-            pose = Pose(target.box, start.root, start.angles)
+            pose = KnotConfiguration(target.box, start.root, start.angles)
             module_points = compute_points(problem, contacts, pose)
             retry = self._solve_from(contacts, target, pose, module_points, region, deadline)
             result = min(result, retry, key=_KnotResult.rank)
@@ -179,7 +179,7 @@ class NonlinearBlock:
         self,
         contacts: tuple[ModuleContacts, ...],
         target: _KnotTarget,
-        pose: Pose,
+        pose: KnotConfiguration,
         module_points: Sequence[Points],
         region: IntArray,
         deadline: float,
@@ -238,7 +238,7 @@ def select_regions(
 
 
 def compute_points(
-    problem: ConsensusProblem, contacts: tuple[ModuleContacts, ...], pose: Pose
+    problem: ConsensusProblem, contacts: tuple[ModuleContacts, ...], pose: KnotConfiguration
 ) -> list[Points]:
     """Return all points of all modules of a pose."""
     points: dict[int, Points] = {}

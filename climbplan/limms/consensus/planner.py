@@ -16,8 +16,8 @@ from climbplan.errors import LimitReached, Unresolved
 from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.consensus.admm import (
     AdmmParameters,
+    ConsensusIterate,
     ConsensusRun,
-    Iterate,
     IterationRecord,
     run_admm,
 )
@@ -32,7 +32,7 @@ from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.plan.convergence import Convergence
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.plan.summary import format_failures, format_motion
-from climbplan.limms.scene.limms_scene import Scene, build_scene
+from climbplan.limms.scene.limms_scene import ModuleScene, build_scene
 from climbplan.limms.schema.loading import LoadedLimms
 from climbplan.limms.task_planning.infeasibility import BEHAVIOURS, build_failure
 from climbplan.limms.task_planning.single_actions import find_single_actions
@@ -59,7 +59,9 @@ def build_convergence(runs: Sequence[Sequence[IterationRecord]]) -> Convergence:
     )
 
 
-def format_summary(plan: LimmsPlan, best: Iterate, notes: Sequence[str]) -> tuple[str, ...]:
+def format_summary(
+    plan: LimmsPlan, best: ConsensusIterate, notes: Sequence[str]
+) -> tuple[str, ...]:
     """Return the lines of the summary: problem, blocks, agreement, programs and motion."""
     sizes, times, r = plan.sizes, plan.timings, best.residual
     mass = float(plan.box_mass[0])
@@ -105,7 +107,7 @@ class RefinementFailed(LimitReached):
 
 
 @dataclass
-class PlanningRun:
+class PlanningProgress:
     """The progress of planning."""
 
     agreements: list[ConsensusRun] = field(default_factory=list)
@@ -136,7 +138,7 @@ def plan_by_consensus(
         solver.admm.weight,
         solver.admm.freeze_after,
     )
-    run, budget = PlanningRun(), SearchBudget(solver.time_limit, solver.max_nlp_solves)
+    run, budget = PlanningProgress(), SearchBudget(solver.time_limit, solver.max_nlp_solves)
     rng = np.random.default_rng(loaded.spec.seed)
     deadline = budget.deadline
     try:
@@ -175,7 +177,7 @@ def plan_by_consensus(
 
 
 def find_first_integers(
-    scene: Scene, block: MixedIntegerBlock, run: PlanningRun, deadline: float
+    scene: ModuleScene, block: MixedIntegerBlock, run: PlanningProgress, deadline: float
 ) -> BlockSolution | None:
     """Find a first solution that reaches the goal, arms first, leaps last.
 
@@ -218,7 +220,7 @@ def find_first_integers(
     )
 
 
-def _build_failure(run: PlanningRun, budget: SearchBudget) -> LimitReached:
+def _build_failure(run: PlanningProgress, budget: SearchBudget) -> LimitReached:
     """Return the error that says what was reached within time and work."""
     notes = list(dict.fromkeys(budget.notes))
     is_exhausted = budget.is_expired or budget.remaining <= 0
@@ -244,12 +246,12 @@ def _build_failure(run: PlanningRun, budget: SearchBudget) -> LimitReached:
 
 def _build_plan(
     loaded: LoadedLimms,
-    scene: Scene,
+    scene: ModuleScene,
     partial_plan: PartialPlan,
     *,
     block: MixedIntegerBlock,
     nonlinear: NonlinearBlock,
-    run: PlanningRun,
+    run: PlanningProgress,
     budget: SearchBudget,
     seconds: dict[str, float],
 ) -> LimmsPlan:

@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.limms.scene.corridor import decompose_free_space
-from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.limms_scene import ModuleScene
 from climbplan.limms.schema.module import ModuleSpec
 
 STABLE, FREE, HELD, STANDS, LEAPS = range(5)  # modes of the box in an interval
@@ -22,7 +22,7 @@ MAX_LEVER_ARM = 0.6  # [m] from a joint to the points it moves, for speed limits
 
 
 @dataclass(frozen=True)
-class Formulation:
+class ConsensusFormulation:
     """The differences between the published consensus and the improved one."""
 
     interval_seconds: tuple[float, ...]  # [s] of an interval in each mode of the box
@@ -32,8 +32,8 @@ class Formulation:
 
 # With one second each, as published, a free fall drops ten metres per interval
 FORMS = {
-    "improved": Formulation((2.0, 0.12, 0.6, 0.3, 0.12), True, True),
-    "published": Formulation((1.0, 1.0, 1.0, 1.0, 1.0), False, False),
+    "improved": ConsensusFormulation((2.0, 0.12, 0.6, 0.3, 0.12), True, True),
+    "published": ConsensusFormulation((1.0, 1.0, 1.0, 1.0, 1.0), False, False),
 }
 
 
@@ -41,13 +41,13 @@ FORMS = {
 class ConsensusProblem:
     """A scene and the horizon."""
 
-    scene: Scene
+    scene: ModuleScene
     intervals: int
     free_blocks: Array  # (R, 2, 3) largest free blocks of points [m]
     centre_blocks: Array  # (C, 2, 3) largest free blocks of the box's centre [m]
     link_lengths: Array  # (4,) lengths of the straight links [m]
     wall_end: IntArray  # (L,) end that latches to the terrain: 1 last; 0 if latched at the start
-    formulation: Formulation
+    formulation: ConsensusFormulation
 
     @property
     def knots(self) -> int:
@@ -61,7 +61,7 @@ class ConsensusProblem:
 
 
 def build_problem(
-    scene: Scene, intervals: int, formulation: Formulation = FORMS["improved"]
+    scene: ModuleScene, intervals: int, formulation: ConsensusFormulation = FORMS["improved"]
 ) -> ConsensusProblem:
     """Build the consensus problem of a scene."""
     point_scene = replace(scene, box_size=np.zeros((1, 3)), box_start=scene.box_start[:1])

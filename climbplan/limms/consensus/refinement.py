@@ -8,7 +8,7 @@ from climbplan.errors import LimitReached
 from climbplan.limms.arms.carrying import plan_carrying
 from climbplan.limms.arms.chain_carrying import Chain, plan_chain_carrying
 from climbplan.limms.budget.search_budget import SearchBudget
-from climbplan.limms.consensus.admm import Iterate
+from climbplan.limms.consensus.admm import ConsensusIterate
 from climbplan.limms.consensus.block_solution import Modes
 from climbplan.limms.consensus.problem import FREE, HELD, LEAPS, STANDS
 from climbplan.limms.consensus.warm_start import carry_from_iterate
@@ -17,7 +17,7 @@ from climbplan.limms.motion.assembly import build_initial_plan
 from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.actions import Action
 from climbplan.limms.scene.bounds import Connection
-from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.limms_scene import ModuleScene
 
 MAX_PROGRAMS = 60  # programs and sequences of events of one refinement
 
@@ -47,7 +47,7 @@ def build_action(modes: Modes) -> Action:
 
 
 def refine(
-    scene: Scene, best: Iterate, budget: SearchBudget, rng: np.random.Generator
+    scene: ModuleScene, best: ConsensusIterate, budget: SearchBudget, rng: np.random.Generator
 ) -> PartialPlan | None:
     """Plan the motion with a fixed mode sequence; None where it fails, with notes in `budget`.
 
@@ -69,7 +69,7 @@ def refine(
 
 
 def _plan_refined(
-    scene: Scene, best: Iterate, budget: SearchBudget, rng: np.random.Generator
+    scene: ModuleScene, best: ConsensusIterate, budget: SearchBudget, rng: np.random.Generator
 ) -> PartialPlan | None:
     """Plan from where the blocks agreed; where that fails, plan as method `modes` does.
 

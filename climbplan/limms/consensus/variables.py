@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from climbplan.arrays import Array, IntArray
 from climbplan.limms.consensus.problem import POINTS, ConsensusProblem
-from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.limms_scene import ModuleScene
 from climbplan.program.linear_rows import LinearRows
 
 MAX_BOX_SPEED = 6.0  # [m/s], bound on the box
@@ -131,7 +131,7 @@ def _fix_impossible(problem: ConsensusProblem, table: LinearRows, columns: Varia
 
 
 def _assign_modules(
-    scene: Scene, columns: VariableColumns, fix_at_zero: Callable[[IntArray], None]
+    scene: ModuleScene, columns: VariableColumns, fix_at_zero: Callable[[IntArray], None]
 ) -> None:
     """Assign anchors and leg sides to the nearest modules, to break the symmetry of equal modules.
 
@@ -153,7 +153,7 @@ def _assign_modules(
 
 
 def _keep_nearest(
-    scene: Scene,
+    scene: ModuleScene,
     numbers: IntArray,
     modules: IntArray,
     positions: Array,

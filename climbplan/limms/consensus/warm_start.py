@@ -14,7 +14,7 @@ from climbplan.limms.arms.chain_carrying import Chain
 from climbplan.limms.arms.guess import KNOTS, PathPiece, build_trajectories
 from climbplan.limms.arms.held_program import solve_held_stage
 from climbplan.limms.budget.search_budget import SearchBudget
-from climbplan.limms.consensus.admm import Iterate
+from climbplan.limms.consensus.admm import ConsensusIterate
 from climbplan.limms.consensus.problem import HELD
 from climbplan.limms.modules.chain import BRANCHES
 from climbplan.limms.modules.limbs import compute_limb_angles
@@ -23,15 +23,15 @@ from climbplan.limms.motion.moving import Blocked
 from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.actions import Action
 from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 
 def carry_from_iterate(
     partial_plan: PartialPlan,
     action: Action,
     chains: Sequence[Chain],
-    best: Iterate,
+    best: ConsensusIterate,
     budget: SearchBudget,
     rng: np.random.Generator,
 ) -> PartialPlan | None:
@@ -66,7 +66,9 @@ def carry_from_iterate(
         return None
 
 
-def _select_branch(scene: Scene, limb: Limb, box: Array, angles: Array) -> Limb:
+def _select_branch(
+    scene: ModuleScene, limb: SupportModule, box: Array, angles: Array
+) -> SupportModule:
     """Return the arm with the branch nearest to angles (6,) where it takes the box."""
 
     def off(branch: tuple[int, int, int]) -> float:

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.errors import PlanFileError
-from climbplan.exports.motion import BodyMotion, JointMotion, LatchMotion, LimbShape, RobotMotion
+from climbplan.exports.motion import BodyMotion, ExportedJoints, LatchMotion, LimbLinks, RobotMotion
 from climbplan.limms.check.loads import compute_loads
 from climbplan.limms.modules.inertia import build_link_bodies
 from climbplan.limms.plan.file import read_limms_plan
@@ -59,7 +59,7 @@ def read_motion(path: Path) -> RobotMotion:
         robot=", ".join(plan.module_names),
         time=time,
         bodies=tuple(bodies),
-        joints=JointMotion(
+        joints=ExportedJoints(
             names=names,
             command=angle,
             velocity=velocity,
@@ -73,7 +73,7 @@ def read_motion(path: Path) -> RobotMotion:
         contacts=None,
         latches=latches,
         limbs=tuple(
-            LimbShape(name, motion.joint_position[is_last, m], _RADIUS)
+            LimbLinks(name, motion.joint_position[is_last, m], _RADIUS)
             for m, name in enumerate(plan.module_names)
         ),
         body_size=plan.box_size[0] / 2,

@@ -15,8 +15,8 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.scene.corridor import Corridor
-from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 STANCE = 0.45  # [m], nominal distance of a foot from the face of the box
 HEIGHT = 0.36  # [m], nominal height of the centre above ground in motion
@@ -25,7 +25,7 @@ STRIDE = 0.36  # [m], longest gait cycle
 
 
 @dataclass(frozen=True)
-class Gait:
+class SwingPattern:
     """A contact sequence: limbs in the air in each phase; an empty tuple is a stance."""
 
     name: str
@@ -39,7 +39,7 @@ class Gait:
 
 def generate_gaits(
     num_limbs: int, num_blocks: int, displacement: Array, reach: float, most_steps: int
-) -> Iterator[Gait]:
+) -> Iterator[SwingPattern]:
     """Yield contact sequences, those with the fewest phases first.
 
     Feet stay in front of their faces, so standing feet limit the box to their reach. Crawls that
@@ -54,17 +54,19 @@ def generate_gaits(
     """
     length = float(np.linalg.norm(displacement))
     if np.abs(displacement[:2]).max() <= reach:
-        yield Gait("stand", ((),) * num_blocks)
+        yield SwingPattern("stand", ((),) * num_blocks)
     all_limbs = tuple(range(num_limbs))
     if most_steps >= 1:
         # Crouching, pushing off, landing and coming to rest have durations of their own
-        yield Gait("leap", ((), (), all_limbs, (), ()))
+        yield SwingPattern("leap", ((), (), all_limbs, (), ()))
     for cycles in range(1, most_steps // num_limbs + 1):
         if length > STRIDE * cycles:
             continue
         for order in list_crawl_orders(num_limbs):
             steps = tuple((leg,) for leg in order * cycles)
-            yield Gait("crawl " + "-".join(str(i) for i in order * cycles), ((), *steps, ()))
+            yield SwingPattern(
+                "crawl " + "-".join(str(i) for i in order * cycles), ((), *steps, ())
+            )
 
 
 def list_crawl_orders(num_limbs: int) -> list[tuple[int, ...]]:
@@ -78,7 +80,7 @@ def list_crawl_orders(num_limbs: int) -> list[tuple[int, ...]]:
     return sorted(orders, key=count_opposites)
 
 
-def find_patch(scene: Scene, point: Array, max_height: float) -> int:
+def find_patch(scene: ModuleScene, point: Array, max_height: float) -> int:
     """Return the highest patch not above `max_height` that holds a point, else the nearest one."""
     best, key = -1, (np.inf, np.inf)
     for k, patch in enumerate(scene.patches):
@@ -95,7 +97,7 @@ def find_patch(scene: Scene, point: Array, max_height: float) -> int:
     return best
 
 
-def clip_to_patch(scene: Scene, patch: int, point: Array) -> Array:
+def clip_to_patch(scene: ModuleScene, patch: int, point: Array) -> Array:
     """Return the point of a patch nearest to a nominal foothold (3,) [m]."""
     ground = scene.patches[patch]
     position = np.clip(point[:2], ground.lower + GROUND_MARGIN, ground.upper - GROUND_MARGIN)
@@ -103,7 +105,7 @@ def clip_to_patch(scene: Scene, patch: int, point: Array) -> Array:
 
 
 def compute_nominal_feet(
-    scene: Scene, limbs: Sequence[Limb], box: Array, below: float
+    scene: ModuleScene, limbs: Sequence[SupportModule], box: Array, below: float
 ) -> tuple[Array, list[int]]:
     """Return footholds (limbs, 3) around a box centre, and their patches."""
     points, patches = [], []
@@ -118,7 +120,7 @@ def compute_nominal_feet(
 
 
 def compute_centre_path(
-    scene: Scene, gait: Gait, corridor: Corridor, start: Array, goal: Array
+    scene: ModuleScene, gait: SwingPattern, corridor: Corridor, start: Array, goal: Array
 ) -> Array:
     """Return the box centres (phases + 1, 3) between phases."""
     phases = len(gait.swings)

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.legs.gaits import Gait, compute_centre_path, compute_nominal_feet
+from climbplan.limms.legs.gaits import SwingPattern, compute_centre_path, compute_nominal_feet
 from climbplan.limms.legs.leaps import Leap
 from climbplan.limms.legs.leg_phases import CONTROLS, LegPhase, LegTrajectory
 from climbplan.limms.modules.limbs import compute_limb_angles
 from climbplan.limms.motion.cubics import BoxPath
 from climbplan.limms.scene.corridor import Corridor
-from climbplan.limms.scene.limms_scene import GRAVITY, Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import GRAVITY, ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 SPEED = 0.3  # [m/s] of the box
 KNOTS = 6  # intervals of a stance
@@ -22,9 +22,9 @@ WALK_KNOTS = 3  # intervals of a phase of a walk
 
 
 def build_leg_guess(
-    scene: Scene,
-    limbs: Sequence[Limb],
-    gait: Gait,
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
+    gait: SwingPattern,
     corridor: Corridor,
     ends: tuple[Array, Array],
     first: tuple[Array, Sequence[int]],
@@ -92,8 +92,8 @@ def build_leg_guess(
 
 
 def _interpolate_swings(
-    scene: Scene,
-    limbs: Sequence[Limb],
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
     swing: Sequence[int],
     centres: tuple[Array, Array],
     feet: tuple[Array, Array],
@@ -118,7 +118,9 @@ def _interpolate_swings(
     return controls
 
 
-def _share_weight(scene: Scene, num_intervals: int, num_limbs: int, swing: Sequence[int]) -> Array:
+def _share_weight(
+    scene: ModuleScene, num_intervals: int, num_limbs: int, swing: Sequence[int]
+) -> Array:
     """Return foot forces (K + 1, L, 3) that share the weight of the box evenly [N]."""
     force = np.zeros((num_intervals + 1, num_limbs, 3))
     for i in range(num_limbs):
@@ -128,7 +130,7 @@ def _share_weight(scene: Scene, num_intervals: int, num_limbs: int, swing: Seque
 
 
 def build_leap_guess(
-    scene: Scene, leap: Leap, corridor: Corridor, ends: tuple[Array, Array]
+    scene: ModuleScene, leap: Leap, corridor: Corridor, ends: tuple[Array, Array]
 ) -> list[LegTrajectory]:
     """Build a motion around a leap: crouching, pushing off, flight, landing, coming to rest.
 

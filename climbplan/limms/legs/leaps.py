@@ -17,8 +17,8 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.limms.legs.gaits import find_patch
 from climbplan.limms.modules.chain import BRANCHES, range_excess
 from climbplan.limms.modules.limbs import build_leg, compute_limb_angles, compute_limb_points
-from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 HEIGHTS = np.arange(0.2, 0.72, 0.06)  # [m] of the centre of the box above ground at both ends
 GRID = np.arange(-0.78, 0.79, 0.06)  # [m] of the centre of the box from a foothold
@@ -52,7 +52,7 @@ class Leap:
 
 
 @dataclass(frozen=True)
-class _Poses:
+class _LegPoses:
     """Poses of one leg in one branch."""
 
     over: Array  # (n, 3) centre - foothold [m]
@@ -62,7 +62,7 @@ class _Poses:
 
 
 def find_leaps(
-    scene: Scene, goal: Array, rng: np.random.Generator, deadline: float = np.inf
+    scene: ModuleScene, goal: Array, rng: np.random.Generator, deadline: float = np.inf
 ) -> list[Leap]:
     """Find leaps from the start of the box towards its goal, those with most slack first.
 
@@ -120,7 +120,7 @@ def find_leaps(
     return leaps
 
 
-def _list_poses(scene: Scene, side: int, branch: tuple[int, int, int]) -> _Poses:
+def _list_poses(scene: ModuleScene, side: int, branch: tuple[int, int, int]) -> _LegPoses:
     """Return the feasible poses of a leg in a branch, with Jacobians by finite differences."""
     limb = build_leg(0, side, 1, branch)
     x, y, z = (m.ravel() for m in np.meshgrid(GRID, GRID, HEIGHTS, indexing="ij"))
@@ -134,11 +134,11 @@ def _list_poses(scene: Scene, side: int, branch: tuple[int, int, int]) -> _Poses
         shifted, _ = compute_poses(scene, limb, offsets + _STEP * np.eye(3)[axis], RANGE_MARGIN)
         jacobian[..., axis] = _wrap(shifted - angles) / _STEP
     level = np.rint((offsets[:, 2] - HEIGHTS[0]) / (HEIGHTS[1] - HEIGHTS[0])).astype(int)
-    return _Poses(offsets, angles, jacobian, level)
+    return _LegPoses(offsets, angles, jacobian, level)
 
 
 def compute_poses(
-    scene: Scene, limb: Limb, offsets: Array, margin: float
+    scene: ModuleScene, limb: SupportModule, offsets: Array, margin: float
 ) -> tuple[Array, BoolArray]:
     """Return angles (n, 6) of a leg and whether they are feasible, bool (n,).
 
@@ -175,8 +175,8 @@ def _wrap(angles: Array) -> Array:
 
 
 def _build_leap(
-    scene: Scene,
-    poses: Sequence[Sequence[_Poses]],
+    scene: ModuleScene,
+    poses: Sequence[Sequence[_LegPoses]],
     *,
     speed: Array,
     duration: float,
@@ -248,9 +248,9 @@ def _build_leap(
 
 
 def _match_poses(
-    scene: Scene,
+    scene: ModuleScene,
     side: int,
-    poses: Sequence[_Poses],
+    poses: Sequence[_LegPoses],
     *,
     speeds: tuple[Array, Array],
     duration: float,

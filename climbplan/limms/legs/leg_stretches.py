@@ -10,8 +10,8 @@ from climbplan.arrays import Array
 from climbplan.limms.legs.leg_phases import LegTrajectory
 from climbplan.limms.legs.motion import compute_leg_motion
 from climbplan.limms.motion.timeline import NOWHERE, QUADRUPED, PartialPlan
-from climbplan.limms.scene.limms_scene import GRAVITY, Pose, Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import GRAVITY, FramePoses, ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 NUM_PROJECTIONS = 60  # alternating projections onto cones and balance
 CONE_FRACTION = 0.985  # of friction; the program uses less
@@ -20,7 +20,7 @@ MIN_LOAD_FRACTION = 0.005  # of the weight on a standing foot
 
 
 def add_leg_trajectories(
-    partial_plan: PartialPlan, limbs: Sequence[Limb], trajectories: Sequence[LegTrajectory]
+    partial_plan: PartialPlan, limbs: Sequence[SupportModule], trajectories: Sequence[LegTrajectory]
 ) -> None:
     """Add the phases of a quadruped's solution to a plan."""
     modules = [limb.module for limb in limbs]
@@ -42,7 +42,7 @@ def add_leg_trajectories(
             motion.box.acceleration,
         )
         for i, limb in enumerate(limbs):
-            base = Pose(motion.feet[:, i], motion.points[i].rotation[:, 0])
+            base = FramePoses(motion.feet[:, i], motion.points[i].rotation[:, 0])
             stretch.place(limb.module, base, motion.angles[:, i], motion.rates[:, i])
             stretch.grounded[limb.module] = NOWHERE if i in trajectory.phase.swing else 0
             stretch.force[:, limb.side] = force[:, i]
@@ -50,7 +50,7 @@ def add_leg_trajectories(
 
 
 def compute_foot_forces(
-    scene: Scene, trajectory: LegTrajectory, time: Array, box: Array, acceleration: Array
+    scene: ModuleScene, trajectory: LegTrajectory, time: Array, box: Array, acceleration: Array
 ) -> Array:
     """Return forces (n, L, 3) between the knots [N].
 
@@ -89,7 +89,7 @@ def compute_foot_forces(
     return force.reshape(-1, num_limbs, 3)
 
 
-def _project_to_cones(scene: Scene, force: Array, standing: Sequence[int]) -> Array:
+def _project_to_cones(scene: ModuleScene, force: Array, standing: Sequence[int]) -> Array:
     """Return forces (n, L, 3) within cones and limits slightly tighter than the checked ones."""
     force = force.copy()
     for i in standing:

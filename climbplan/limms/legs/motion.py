@@ -14,8 +14,8 @@ from climbplan.limms.modules.chain import forward_from_last, inverse
 from climbplan.limms.modules.limbs import compute_limb_frames, compute_limb_points
 from climbplan.limms.motion.cubics import BoxPath, evaluate_box_path, sample_knots
 from climbplan.limms.motion.straight_motion import compute_rates
-from climbplan.limms.scene.limms_scene import Points, Pose, Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import FramePoses, ModuleScene, Points
+from climbplan.limms.scene.phases import SupportModule
 
 
 @dataclass(frozen=True)
@@ -32,8 +32,8 @@ class LegMotion:
 
 
 def compute_leg_motion(
-    scene: Scene,
-    limbs: Sequence[Limb],
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
     trajectory: LegTrajectory,
     current: Array | None = None,
     finer: int = 1,
@@ -70,7 +70,7 @@ def compute_leg_motion(
             rates[:, i] = compute_spline_rates(controls, fractions) / trajectory.duration
             shape = (len(time), 3, 3)
             tip = box.position + scene.side_offset(0, limb.side)
-            last = Pose(tip, np.broadcast_to(limb.box_rotation, shape))
+            last = FramePoses(tip, np.broadcast_to(limb.box_rotation, shape))
             points.append(forward_from_last(scene.module, last, angles[:, i]))
             feet[:, i] = points[i].position[:, 0]
         else:
@@ -90,13 +90,15 @@ def _round_to_turns(difference: Array) -> Array:
     return turns
 
 
-def _solve_standing(scene: Scene, limb: Limb, box: Array, feet: Array) -> tuple[Array, Array]:
+def _solve_standing(
+    scene: ModuleScene, limb: SupportModule, box: Array, feet: Array
+) -> tuple[Array, Array]:
     """Return angles (n, 6) of a leg, and missing reach (n,) [m]."""
     first, last = compute_limb_frames(scene, limb, box, feet)
     shape = (len(box), 3, 3)
     return inverse(
         scene.module,
-        Pose(first.position, np.broadcast_to(first.rotation, shape)),
-        Pose(last.position, np.broadcast_to(last.rotation, shape)),
+        FramePoses(first.position, np.broadcast_to(first.rotation, shape)),
+        FramePoses(last.position, np.broadcast_to(last.rotation, shape)),
         limb.branch,
     )

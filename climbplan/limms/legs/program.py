@@ -27,9 +27,9 @@ from climbplan.limms.legs.leg_phases import (
 )
 from climbplan.limms.legs.symbols import build_leg_function, compute_limit_bounds
 from climbplan.limms.modules.chain_symbols import build_chain_function
-from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Scene
-from climbplan.limms.scene.phases import Limb
-from climbplan.program.trajectory import Trajectory
+from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, ModuleScene
+from climbplan.limms.scene.phases import SupportModule
+from climbplan.program.staged_program import StagedProgram
 
 SPEED_FRACTION = 0.95  # of the joint speed limit
 FORCE_FRACTION = 0.985
@@ -51,7 +51,7 @@ MAX_ACCELERATION = 60.0  # [m/s^2]
 class LegProgram:
     """The program under construction, phase after phase."""
 
-    def __init__(self, scene: Scene, limbs: Sequence[Limb], has_steps: bool) -> None:
+    def __init__(self, scene: ModuleScene, limbs: Sequence[SupportModule], has_steps: bool) -> None:
         """Initialise without phases.
 
         Args:
@@ -59,7 +59,7 @@ class LegProgram:
             limbs: The legs.
             has_steps: Whether feet leave the ground.
         """
-        self.scene, self.limbs, self.store = scene, limbs, Trajectory("legs")
+        self.scene, self.limbs, self.store = scene, limbs, StagedProgram("legs")
         load_limit = scene.weight * (1.0 if has_steps else MAX_LOAD_RATIO / len(limbs))
         max_latch_force = scene.module.max_force
         self.max_force = FORCE_FRACTION * (
@@ -100,7 +100,7 @@ class LegProgram:
         self.feet = feet_after
         standing = [i for i in range(len(self.limbs)) if i not in phase.swing]
         num_intervals = phase.intervals
-        path = _Path(p, v, a, duration)
+        path = _BoxSpline(p, v, a, duration)
         sampled = [(k / num_intervals, i) for k in range(num_intervals + 1) for i in standing]
         sampled += [(s.time_fraction, s.limb) for s in samples if s.limb in standing]
         for fraction, i in sampled:
@@ -200,7 +200,7 @@ class LegProgram:
         store.between("support.sides", face_distance, half + FACE_CLEARANCE, unit="m")
 
     def _add_swing(
-        self, i: int, guess: LegTrajectory, path: _Path, before: ca.MX, after: ca.MX
+        self, i: int, guess: LegTrajectory, path: _BoxSpline, before: ca.MX, after: ca.MX
     ) -> list[ca.MX]:
         """Add the joint spline of a swing foot, from the leg's pose before to that after it."""
         store, module = self.store, self.scene.module
@@ -232,7 +232,9 @@ class LegProgram:
             store.between("swing.lift", points[2, 0] - ground, SWING_CLEARANCE, unit="m")
         return controls
 
-    def _swing_points(self, i: int, fraction: float, path: _Path, controls: list[ca.MX]) -> ca.MX:
+    def _swing_points(
+        self, i: int, fraction: float, path: _BoxSpline, controls: list[ca.MX]
+    ) -> ca.MX:
         """Return all points (3, 8) of a leg in swing."""
         weights = compute_spline_weights(CONTROLS, np.array([fraction]))[0]
         q = sum(w * c for w, c in zip(weights, controls, strict=True) if w)
@@ -242,7 +244,9 @@ class LegProgram:
         last = path.evaluate(fraction)[0] + ca.DM(self.scene.side_offset(0, limb.side))
         return ca.repmat(last - foot @ points[:, 7], 1, 8) + foot @ points
 
-    def _add_cut(self, cut: LegCut, path: _Path, foot: ca.MX, controls: list[ca.MX] | None) -> None:
+    def _add_cut(
+        self, cut: LegCut, path: _BoxSpline, foot: ca.MX, controls: list[ca.MX] | None
+    ) -> None:
         """Add a cutting plane for a point of a leg."""
         position, _ = path.evaluate(cut.time_fraction)
         if controls is not None:
@@ -317,7 +321,7 @@ class LegProgram:
         return tuple(trajectories)
 
 
-class _Path:
+class _BoxSpline:
     """The box's chain of cubics in symbols."""
 
     def __init__(self, p: list[ca.MX], v: list[ca.MX], a: list[ca.MX], duration: ca.MX) -> None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.limms.budget.solver_work import Work
-from climbplan.limms.legs.gaits import Gait
+from climbplan.limms.legs.gaits import SwingPattern
 from climbplan.limms.legs.guess import build_leap_guess, build_leg_guess
 from climbplan.limms.legs.leaps import find_leaps
 from climbplan.limms.legs.leg_phases import BoxCut, LegBoundary, LegCut, LegSample, LegTrajectory
@@ -19,8 +19,8 @@ from climbplan.limms.legs.standing import build_legs, find_stance_sets
 from climbplan.limms.legs.violations import find_violations
 from climbplan.limms.modules.limbs import build_leg
 from climbplan.limms.scene.corridor import Corridor
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 MAX_ROUNDS = 8
 FINER = 4  # times the density of a plan's samples, for checks between knots
@@ -31,13 +31,13 @@ ITERATIONS = 150
 class InitialGuess:
     """Legs with their branches, and a guess of their motion."""
 
-    limbs: tuple[Limb, ...]
+    limbs: tuple[SupportModule, ...]
     guess: tuple[LegTrajectory, ...]
 
 
 def generate_starts(
-    scene: Scene,
-    gait: Gait,
+    scene: ModuleScene,
+    gait: SwingPattern,
     corridor: Corridor,
     rng: np.random.Generator,
     *,
@@ -67,7 +67,7 @@ def generate_starts(
 
 
 def solve_until_valid(
-    scene: Scene,
+    scene: ModuleScene,
     start: InitialGuess,
     ends: LegBoundary,
     deadline: float,

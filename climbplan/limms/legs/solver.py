@@ -10,9 +10,9 @@ from typing import Any
 from climbplan.limms.budget.solver_work import Work, measure_work
 from climbplan.limms.legs.leg_phases import BoxCut, LegBoundary, LegCut, LegSample, LegTrajectory
 from climbplan.limms.legs.program import LegProgram
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
-from climbplan.solvers.ipopt.trajectory import solve_trajectory
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
+from climbplan.solvers.ipopt.staged_program import solve_staged_program
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class SolverLimits:
 
 
 def solve_legs(
-    scene: Scene,
-    limbs: Sequence[Limb],
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
     guess: Sequence[LegTrajectory],
     ends: LegBoundary,
     *,
@@ -71,7 +71,7 @@ def solve_legs(
     }
     if limits.is_warm:
         settings |= {"mu_init": 1e-3, "bound_push": 1e-5, "bound_frac": 1e-5}
-    answer = solve_trajectory(
+    answer = solve_staged_program(
         program.store,
         program.outputs,
         settings,

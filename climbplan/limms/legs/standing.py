@@ -11,12 +11,12 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray
 from climbplan.limms.arms.branch_choices import compute_clearance
 from climbplan.limms.legs.footholds import PATCH_MARGIN
-from climbplan.limms.legs.gaits import Gait
+from climbplan.limms.legs.gaits import SwingPattern
 from climbplan.limms.modules.chain import BRANCHES, range_excess
 from climbplan.limms.modules.limbs import build_leg, compute_limb_angles
 from climbplan.limms.scene.corridor import Corridor
-from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 _LATERAL_OFFSETS = np.linspace(-0.45, 0.45, 7)
 _DISTANCES = np.linspace(0.03, 0.75, 10)
@@ -42,7 +42,7 @@ class FootStance:
 
 
 def find_stances(
-    scene: Scene, side: int, path: Array, max_stances: int = _MAX_CHOICES
+    scene: ModuleScene, side: int, path: Array, max_stances: int = _MAX_CHOICES
 ) -> list[FootStance]:
     """Return stances from which a module latches to a side of the box at rest, best first.
 
@@ -81,7 +81,7 @@ def find_stances(
 
 
 def _select_branch(
-    scene: Scene, side: int, foot: Array, path: Array
+    scene: ModuleScene, side: int, foot: Array, path: Array
 ) -> tuple[float, tuple[int, int, int]] | None:
     """Return least cost and branch of a foothold; None if no latch closes there."""
     best: tuple[float, tuple[int, int, int]] | None = None
@@ -104,13 +104,13 @@ def _select_branch(
     return best
 
 
-def build_legs(stances: Sequence[FootStance]) -> tuple[Limb, ...]:
+def build_legs(stances: Sequence[FootStance]) -> tuple[SupportModule, ...]:
     """Return legs in these stances; modules are numbered by their order."""
     return tuple(build_leg(i, s.side, 1, s.branch) for i, s in enumerate(stances))
 
 
 def find_stance_sets(
-    scene: Scene, gait: Gait, corridor: Corridor, max_sets: int
+    scene: ModuleScene, gait: SwingPattern, corridor: Corridor, max_sets: int
 ) -> Iterator[tuple[FootStance, ...]]:
     """Yield sets of stances that carry the box, those of least cost and load first."""
     start = scene.box_start[0]
@@ -143,7 +143,7 @@ def find_stance_sets(
             yield tuple(c[j] for c, j in zip(choices, sets[k], strict=True))
 
 
-def has_enough_modules(scene: Scene, feet: Array) -> BoolArray:
+def has_enough_modules(scene: ModuleScene, feet: Array) -> BoolArray:
     """Return whether as many modules stand on each level as feet (n, 4, 3) need, bool (n,)."""
     heights = scene.start_position[scene.start_anchor < 0, 2]
     is_enough = np.ones(len(feet), bool)

@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.scene.limms_scene import SIDE_NORMALS
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.phases import SupportModule
 from climbplan.limms.schema.module import ModuleSpec
 
 MIN_AXIS_DISTANCE = 0.05  # [m] of the wrist from the first axis, a singularity
@@ -28,7 +28,7 @@ class LimitBounds(NamedTuple):
     upper: Array
 
 
-def build_leg_function(module: ModuleSpec, limb: Limb, box_size: Array) -> ca.Function:
+def build_leg_function(module: ModuleSpec, limb: SupportModule, box_size: Array) -> ca.Function:
     """Build the inverse kinematics of a standing leg.
 
     Returns:

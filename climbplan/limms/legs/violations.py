@@ -12,8 +12,8 @@ from climbplan.limms.legs.leg_phases import BoxCut, LegCut, LegSample, LegTrajec
 from climbplan.limms.legs.motion import LegMotion
 from climbplan.limms.modules.contact import LINKS, gap_between, gap_to_blocks, link_segments
 from climbplan.limms.modules.distances import block_gap
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 CUT_MARGIN = 0.006  # [m] of cuts, beyond the radius
 FOOT_MARGIN = 0.0005  # [m] of cuts at feet, which stand before and after
@@ -26,7 +26,7 @@ _NORMALS = np.vstack([np.eye(3), -np.eye(3)])
 
 
 @dataclass(frozen=True)
-class Violations:
+class MotionViolations:
     """Samples and cuts that exclude the violations, and a message for the worst of each kind."""
 
     samples: tuple[LegSample, ...]
@@ -35,15 +35,19 @@ class Violations:
 
 
 def find_violations(
-    scene: Scene, limbs: Sequence[Limb], phase: int, trajectory: LegTrajectory, motion: LegMotion
-) -> Violations:
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
+    phase: int,
+    trajectory: LegTrajectory,
+    motion: LegMotion,
+) -> MotionViolations:
     """Return all violations of a phase."""
     samples, messages = _check_standing(scene, limbs, phase, trajectory, motion)
     cuts, collision_messages = _find_collisions(scene, limbs, phase, trajectory, motion)
     box_cuts = _build_box_cuts(scene, phase, trajectory, motion)
     if box_cuts:
         messages.append(f"{trajectory.phase.name}: the box is in something")
-    return Violations(tuple(samples), (*cuts, *box_cuts), (*messages, *collision_messages))
+    return MotionViolations(tuple(samples), (*cuts, *box_cuts), (*messages, *collision_messages))
 
 
 def _find_worst_instants(
@@ -63,7 +67,11 @@ def _find_worst_instants(
 
 
 def _check_standing(
-    scene: Scene, limbs: Sequence[Limb], phase: int, trajectory: LegTrajectory, motion: LegMotion
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
+    phase: int,
+    trajectory: LegTrajectory,
+    motion: LegMotion,
 ) -> tuple[list[LegSample], list[str]]:
     """Return samples where standing legs exceed reach, ranges or speeds, with messages."""
     module = scene.module
@@ -91,7 +99,11 @@ def _check_standing(
 
 
 def _find_collisions(
-    scene: Scene, limbs: Sequence[Limb], phase: int, trajectory: LegTrajectory, motion: LegMotion
+    scene: ModuleScene,
+    limbs: Sequence[SupportModule],
+    phase: int,
+    trajectory: LegTrajectory,
+    motion: LegMotion,
 ) -> tuple[list[LegCut], list[str]]:
     """Return cuts for links that collide, with messages."""
     radius, half = scene.module.radius, scene.box_size[0] / 2
@@ -183,7 +195,7 @@ def _find_pair_collisions(
 
 
 def _build_box_cuts(
-    scene: Scene, phase: int, trajectory: LegTrajectory, motion: LegMotion
+    scene: ModuleScene, phase: int, trajectory: LegTrajectory, motion: LegMotion
 ) -> list[BoxCut]:
     """Return cuts that keep the box beyond the nearest face of a solid."""
     half = scene.box_size[0] / 2
@@ -198,7 +210,7 @@ def _build_box_cuts(
     return cuts
 
 
-def collect_obstacles(scene: Scene) -> Array:
+def collect_obstacles(scene: ModuleScene) -> Array:
     """Return the blocks (S, 2, 3) that stand still: solids and static boxes."""
     if scene.num_boxes == 1:
         return scene.solids

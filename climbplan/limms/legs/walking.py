@@ -20,8 +20,8 @@ from climbplan.limms.motion.between_subtasks import Settle, bring_module_down, k
 from climbplan.limms.motion.moving import Blocked
 from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
-from climbplan.limms.scene.limms_scene import Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 
 def plan_walking(
@@ -97,7 +97,7 @@ def _bring_modules_down(partial_plan: PartialPlan, rng: np.random.Generator) -> 
 
 def _assemble(
     initial: PartialPlan,
-    limbs: Sequence[Limb],
+    limbs: Sequence[SupportModule],
     trajectories: Sequence[LegTrajectory],
     budget: SearchBudget,
     rng: np.random.Generator,
@@ -134,7 +134,7 @@ def _list_orders(n: int) -> Iterator[tuple[int, ...]]:
     yield tuple(reversed(range(n)))
 
 
-def _rank_assignments(scene: Scene, feet: Array) -> Iterator[tuple[int, ...]]:
+def _rank_assignments(scene: ModuleScene, feet: Array) -> Iterator[tuple[int, ...]]:
     """Yield assignments of modules to footholds of the same level, shortest distances first."""
     available = [m for m in range(scene.num_modules) if scene.start_anchor[m] < 0]
     ranked = []

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.scene.limms_scene import Points, Pose
+from climbplan.limms.scene.limms_scene import FramePoses, Points
 from climbplan.limms.schema.module import ModuleSpec
 
 ROLLS = (True, False, False, True, False, True)
@@ -41,7 +41,7 @@ def _joint_rotation(angles: Array, joint: int) -> Array:
     return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
 
 
-def forward(module: ModuleSpec, base: Pose, angles: Array) -> Points:
+def forward(module: ModuleSpec, base: FramePoses, angles: Array) -> Points:
     """Return all points of modules whose first ends are at `base`, eq. (6.2).
 
     Args:
@@ -64,7 +64,7 @@ def forward(module: ModuleSpec, base: Pose, angles: Array) -> Points:
     return Points(np.stack(positions, axis=-2), np.stack(rotations, axis=-3))
 
 
-def forward_from_last(module: ModuleSpec, last: Pose, angles: Array) -> Points:
+def forward_from_last(module: ModuleSpec, last: FramePoses, angles: Array) -> Points:
     """Return all points of modules whose last ends are at `last`.
 
     Args:
@@ -73,7 +73,7 @@ def forward_from_last(module: ModuleSpec, last: Pose, angles: Array) -> Points:
         angles: Joint angles (..., 6) [rad].
     """
     shape = angles.shape[:-1]
-    origin = Pose(np.zeros((*shape, 3)), np.broadcast_to(np.eye(3), (*shape, 3, 3)))
+    origin = FramePoses(np.zeros((*shape, 3)), np.broadcast_to(np.eye(3), (*shape, 3, 3)))
     points = forward(module, origin, angles)
     rotation = last.rotation @ np.swapaxes(points.rotation[..., 7, :, :], -1, -2)
     position = last.position - (rotation @ points.position[..., 7, :, None])[..., 0]
@@ -83,7 +83,9 @@ def forward_from_last(module: ModuleSpec, last: Pose, angles: Array) -> Points:
     )
 
 
-def inverse(module: ModuleSpec, base: Pose, last: Pose, branch: tuple[int, int, int]) -> IkSolution:
+def inverse(
+    module: ModuleSpec, base: FramePoses, last: FramePoses, branch: tuple[int, int, int]
+) -> IkSolution:
     """Return angles in (-pi, pi] that bring the last end to `last`, clipped where out of reach.
 
     Args:
@@ -122,7 +124,7 @@ def inverse(module: ModuleSpec, base: Pose, last: Pose, branch: tuple[int, int, 
 
 
 def inverse_along_path(
-    module: ModuleSpec, base: Pose, last: Pose, branch: tuple[int, int, int]
+    module: ModuleSpec, base: FramePoses, last: FramePoses, branch: tuple[int, int, int]
 ) -> IkSolution:
     """Return the inverse kinematics of a path of frames (T, ...), without jumps by full turns.
 
@@ -141,7 +143,9 @@ def inverse_along_path(
     return IkSolution(angles, solution.reach_error)
 
 
-def follow_path(module: ModuleSpec, first: Pose, last: Pose, start: Array) -> IkSolution:
+def follow_path(
+    module: ModuleSpec, first: FramePoses, last: FramePoses, start: Array
+) -> IkSolution:
     """Return angles (T, 6) along a path of frames, each the nearest solution to the last one.
 
     Unlike `inverse_along_path`, the solution may pass through a pose where two branches meet.

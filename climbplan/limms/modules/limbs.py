@@ -6,8 +6,15 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.limms.modules.chain import forward, inverse_along_path
-from climbplan.limms.scene.limms_scene import FLIP, SIDE_NORMALS, Points, Pose, Scene, anchor_frame
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import (
+    FLIP,
+    SIDE_NORMALS,
+    FramePoses,
+    ModuleScene,
+    Points,
+    anchor_frame,
+)
+from climbplan.limms.scene.phases import SupportModule
 from climbplan.limms.scene.placement import centre_of, rotation_about_vertical, yaw_of
 
 UPRIGHT = np.eye(3)
@@ -25,10 +32,10 @@ def compute_standing_rotation(end: int) -> Array:
 
 
 def build_arm(
-    module: int, side: int, root: Pose, box_end: int, branch: tuple[int, int, int] = (1, 1, 1)
-) -> Limb:
+    module: int, side: int, root: FramePoses, box_end: int, branch: tuple[int, int, int] = (1, 1, 1)
+) -> SupportModule:
     """Return an arm whose far end is fixed at `root`, with the frame of that end."""
-    return Limb(
+    return SupportModule(
         module=module,
         side=side,
         box_end=box_end,
@@ -40,9 +47,9 @@ def build_arm(
     )
 
 
-def build_leg(module: int, side: int, box_end: int, branch: tuple[int, int, int]) -> Limb:
+def build_leg(module: int, side: int, box_end: int, branch: tuple[int, int, int]) -> SupportModule:
     """Return a leg whose foot stands upright."""
-    return Limb(
+    return SupportModule(
         module=module,
         side=side,
         box_end=box_end,
@@ -54,26 +61,30 @@ def build_leg(module: int, side: int, box_end: int, branch: tuple[int, int, int]
     )
 
 
-def compute_anchor_pose(scene: Scene, anchor: int, end: int) -> Pose:
+def compute_anchor_pose(scene: ModuleScene, anchor: int, end: int) -> FramePoses:
     """Return the pose of an end latched to a terrain anchor, by its number among those."""
-    return Pose(scene.wall_position[anchor], compute_end_rotation(scene.wall_normal[anchor], end))
+    return FramePoses(
+        scene.wall_position[anchor], compute_end_rotation(scene.wall_normal[anchor], end)
+    )
 
 
-def compute_side_pose(scene: Scene, box: Array, side: int, end: int) -> Pose:
+def compute_side_pose(scene: ModuleScene, box: Array, side: int, end: int) -> FramePoses:
     """Return the pose of an end latched to a side of the first box at placements (..., D)."""
     return _compute_pose_on_box(scene, box, side, compute_end_rotation(SIDE_NORMALS[side], end))
 
 
-def _compute_pose_on_box(scene: Scene, box: Array, side: int, rotation: Array) -> Pose:
+def _compute_pose_on_box(scene: ModuleScene, box: Array, side: int, rotation: Array) -> FramePoses:
     """Return the pose of an end on a side of the box; rotation: (3, 3) in the box frame."""
     offset = scene.side_offset(0, side)
     if box.shape[-1] == 3:
-        return Pose(box + offset, rotation)
+        return FramePoses(box + offset, rotation)
     frame = rotation_about_vertical(yaw_of(box))
-    return Pose(centre_of(box) + frame @ offset, frame @ rotation)
+    return FramePoses(centre_of(box) + frame @ offset, frame @ rotation)
 
 
-def compute_limb_frames(scene: Scene, limb: Limb, box: Array, far_end: Array) -> tuple[Pose, Pose]:
+def compute_limb_frames(
+    scene: ModuleScene, limb: SupportModule, box: Array, far_end: Array
+) -> tuple[FramePoses, FramePoses]:
     """Return first and last end of a limb for placements of the box (..., D).
 
     Args:
@@ -83,12 +94,16 @@ def compute_limb_frames(scene: Scene, limb: Limb, box: Array, far_end: Array) ->
         far_end: Positions of the end that is not on the box (..., 3) [m].
     """
     on_box = _compute_pose_on_box(scene, box, limb.side, limb.box_rotation)
-    far_pose = Pose(np.broadcast_to(far_end, (*box.shape[:-1], 3)), limb.other_rotation)
+    far_pose = FramePoses(np.broadcast_to(far_end, (*box.shape[:-1], 3)), limb.other_rotation)
     return (on_box, far_pose) if limb.box_end == 0 else (far_pose, on_box)
 
 
 def compute_limb_angles(
-    scene: Scene, limb: Limb, box: Array, far_end: Array, branch: tuple[int, int, int]
+    scene: ModuleScene,
+    limb: SupportModule,
+    box: Array,
+    far_end: Array,
+    branch: tuple[int, int, int],
 ) -> tuple[Array, Array]:
     """Return angles (T, 6) along a path of the box, and missing reach (T,) [m].
 
@@ -101,13 +116,13 @@ def compute_limb_angles(
     """
     first, last = compute_limb_frames(scene, limb, box, far_end)
     shape = (len(box), 3, 3)
-    first = Pose(first.position, np.broadcast_to(first.rotation, shape))
-    last = Pose(last.position, np.broadcast_to(last.rotation, shape))
+    first = FramePoses(first.position, np.broadcast_to(first.rotation, shape))
+    last = FramePoses(last.position, np.broadcast_to(last.rotation, shape))
     return inverse_along_path(scene.module, first, last, branch)
 
 
 def compute_limb_points(
-    scene: Scene, limb: Limb, box: Array, far_end: Array, angles: Array
+    scene: ModuleScene, limb: SupportModule, box: Array, far_end: Array, angles: Array
 ) -> Points:
     """Return all points of a limb along a path of the box.
 
@@ -119,5 +134,5 @@ def compute_limb_points(
         angles: Joint angles (T, 6) [rad].
     """
     first, _ = compute_limb_frames(scene, limb, box, far_end)
-    base = Pose(first.position, np.broadcast_to(first.rotation, (len(box), 3, 3)))
+    base = FramePoses(first.position, np.broadcast_to(first.rotation, (len(box), 3, 3)))
     return forward(scene.module, base, angles)

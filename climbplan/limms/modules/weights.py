@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from climbplan.errors import Conflict, Remedy
-from climbplan.limms.scene.limms_scene import GRAVITY, Scene
+from climbplan.limms.scene.limms_scene import GRAVITY, ModuleScene
 
 # Speeds of modules that carry nothing, reduced until contacts bear their loads
 PACES = (1.0, 0.5, 0.25, 0.12)
 
 
-def find_weight_conflicts(scene: Scene) -> tuple[Conflict, ...]:
+def find_weight_conflicts(scene: ModuleScene) -> tuple[Conflict, ...]:
     """Return why no plan with masses exists if contacts cannot bear a module; empty if they can.
 
     At the start each module is at rest, and one of its ends alone bears its weight.

@@ -18,15 +18,15 @@ from climbplan.limms.motion.reaching import drive, reach
 from climbplan.limms.motion.straight_motion import APPROACH_LENGTHS, plan_straight_approach, retract
 from climbplan.limms.motion.timeline import ARM, DRIVES, LEG, NOWHERE, PartialPlan
 from climbplan.limms.scene.bounds import compute_ground_end_frame
-from climbplan.limms.scene.limms_scene import Pose, Scene
-from climbplan.limms.scene.phases import Limb
+from climbplan.limms.scene.limms_scene import FramePoses, ModuleScene
+from climbplan.limms.scene.phases import SupportModule
 
 _RINGS = (0.25, 0.35, 0.45, 0.55, 0.65)
 _SPOKES = 16
 _ROLL_MARGIN = 0.02  # [rad] of rolls from their ranges, for the motion after release
 
 
-def build_initial_plan(scene: Scene) -> PartialPlan:
+def build_initial_plan(scene: ModuleScene) -> PartialPlan:
     """Return the state at the start: modules straight, upright or along normals of anchors."""
     count = scene.num_modules
     position, rotation = np.zeros((count, 3)), np.tile(np.eye(3), (count, 1, 1))
@@ -41,14 +41,14 @@ def build_initial_plan(scene: Scene) -> PartialPlan:
     return PartialPlan.at_start(scene, (position, rotation), np.zeros((count, 6)))
 
 
-def compute_end_pose(partial_plan: PartialPlan, module: int, end: int) -> Pose:
+def compute_end_pose(partial_plan: PartialPlan, module: int, end: int) -> FramePoses:
     """Return the pose of an end of a module now."""
     points = partial_plan.points(module)
-    return Pose(points.position[7 * end], points.rotation[7 * end])
+    return FramePoses(points.position[7 * end], points.rotation[7 * end])
 
 
 def list_standing_points(
-    scene: Scene, height: float, target: Pose, around: Array
+    scene: ModuleScene, height: float, target: FramePoses, around: Array
 ) -> Iterator[Array]:
     """Yield points of ground at one height around a target, the nearest to `around` first."""
     points = []
@@ -81,7 +81,7 @@ def release_ground_anchor(partial_plan: PartialPlan, module: int) -> PartialPlan
 def latch_from_ground(
     partial_plan: PartialPlan,
     module: int,
-    target: Pose,
+    target: FramePoses,
     anchor: int,
     *,
     mode: int,
@@ -109,7 +109,7 @@ def latch_from_ground(
     position = partial_plan.base_position[module]
     failures = 0
     for point in list_standing_points(scene, float(position[2]), target, position):
-        base = Pose(point, compute_standing_rotation(0))
+        base = FramePoses(point, compute_standing_rotation(0))
         for angles in _iterate_reaching_angles(partial_plan, module, base, target):
             attempt = partial_plan.copy()
             try:
@@ -140,7 +140,7 @@ def latch_from_ground(
 
 
 def _iterate_reaching_angles(
-    partial_plan: PartialPlan, module: int, base: Pose, target: Pose
+    partial_plan: PartialPlan, module: int, base: FramePoses, target: FramePoses
 ) -> Iterator[Array]:
     """Yield joint angles (6,) with which a module at `base` reaches a target straight [rad]."""
     scene, at_base = partial_plan.scene, partial_plan.copy()
@@ -173,7 +173,7 @@ def latch_arm(
 
 def reach_box(
     partial_plan: PartialPlan,
-    limb: Limb,
+    limb: SupportModule,
     box: Array,
     path: Array,
     name: str,
@@ -195,7 +195,7 @@ def reach_box(
         Blocked: No free path was found.
     """
     target = compute_side_pose(partial_plan.scene, box, limb.side, limb.box_end)
-    root = Pose(limb.fixed_position, limb.other_rotation)
+    root = FramePoses(limb.fixed_position, limb.other_rotation)
     ending = _choose_turns(
         path, partial_plan.angles[limb.module], np.array(partial_plan.scene.module.joint_range)
     )
@@ -223,7 +223,7 @@ def _choose_turns(path: Array, current: Array, limits: Array) -> Array:
     return chosen
 
 
-def latch_box(partial_plan: PartialPlan, limbs: Sequence[Limb]) -> None:
+def latch_box(partial_plan: PartialPlan, limbs: Sequence[SupportModule]) -> None:
     """Latch all limbs to the box at once."""
     for limb in limbs:
         anchors = partial_plan.base_anchor if limb.box_end == 0 else partial_plan.tip_anchor
@@ -233,7 +233,11 @@ def latch_box(partial_plan: PartialPlan, limbs: Sequence[Limb]) -> None:
 
 
 def stand_leg(
-    partial_plan: PartialPlan, limb: Limb, foot: Array, angles: Array, rng: np.random.Generator
+    partial_plan: PartialPlan,
+    limb: SupportModule,
+    foot: Array,
+    angles: Array,
+    rng: np.random.Generator,
 ) -> None:
     """Add motions that drive a module to a foothold and bring its last end to the box, not latched.
 
@@ -243,7 +247,7 @@ def stand_leg(
     scene, module = partial_plan.scene, limb.module
     name = scene.module_names[module]
     drive(partial_plan, module, foot, f"{name}: drive", rng)
-    root = Pose(foot, compute_standing_rotation(0))
+    root = FramePoses(foot, compute_standing_rotation(0))
     target = compute_side_pose(scene, partial_plan.place, limb.side, limb.box_end)
     limits = np.array(scene.module.joint_range)
     current = partial_plan.angles[module]

@@ -19,7 +19,7 @@ from climbplan.limms.motion.reaching import move_joints
 from climbplan.limms.motion.straight_motion import retract
 from climbplan.limms.motion.timeline import DRIVES, LEG, NOWHERE, STABLE, PartialPlan
 from climbplan.limms.scene.bounds import compute_ground_end_frame
-from climbplan.limms.scene.limms_scene import Scene, put_box_first
+from climbplan.limms.scene.limms_scene import ModuleScene, put_box_first
 from climbplan.limms.scene.placement import centre_of, yaw_of
 
 Settle = Callable[[PartialPlan], PartialPlan]
@@ -60,7 +60,7 @@ def retarget(partial_plan: PartialPlan, end: Array, speed: float = 0.0) -> Parti
     return retargeted
 
 
-def switch_box(partial_plan: PartialPlan, box: int, base: Scene) -> PartialPlan:
+def switch_box(partial_plan: PartialPlan, box: int, base: ModuleScene) -> PartialPlan:
     """Return the plan with another box to bring next, the last one put down.
 
     Args:

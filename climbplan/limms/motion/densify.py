@@ -19,8 +19,8 @@ from climbplan.limms.motion.timeline import (
     Stretch,
     sample_times,
 )
-from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Pose, Scene
-from climbplan.limms.scene.phases import Limb, PhaseTrajectory, compute_load_sharing
+from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, FramePoses, ModuleScene
+from climbplan.limms.scene.phases import PhaseTrajectory, SupportModule, compute_load_sharing
 from climbplan.limms.scene.placement import (
     centre_of,
     inertia_about_vertical,
@@ -36,7 +36,9 @@ class CannotFollow(Exception):
 
 
 def add_trajectories(
-    partial_plan: PartialPlan, limbs: Sequence[Limb], trajectories: Sequence[PhaseTrajectory]
+    partial_plan: PartialPlan,
+    limbs: Sequence[SupportModule],
+    trajectories: Sequence[PhaseTrajectory],
 ) -> None:
     """Add the stretches of solved phases to a plan.
 
@@ -51,7 +53,7 @@ def add_trajectories(
 
 
 def _add_held(
-    partial_plan: PartialPlan, limbs: Sequence[Limb], trajectory: PhaseTrajectory
+    partial_plan: PartialPlan, limbs: Sequence[SupportModule], trajectory: PhaseTrajectory
 ) -> None:
     """Add a phase in which arms hold the box."""
     scene, phase = partial_plan.scene, trajectory.phase
@@ -66,8 +68,8 @@ def _add_held(
     for i, limb in enumerate(limbs):
         first, last = compute_limb_frames(scene, limb, position, roots[:, i])
         shape = (len(time), 3, 3)
-        first = Pose(first.position, np.broadcast_to(first.rotation, shape))
-        last = Pose(last.position, np.broadcast_to(last.rotation, shape))
+        first = FramePoses(first.position, np.broadcast_to(first.rotation, shape))
+        last = FramePoses(last.position, np.broadcast_to(last.rotation, shape))
         angles = select_branch(
             scene.module, first, last, trajectory.angles[0, i], trajectory.angles[-1, i]
         )
@@ -96,7 +98,7 @@ def _move_box(stretch: Stretch, position: Array, velocity: Array, acceleration: 
 
 
 def _compute_latch_forces(
-    scene: Scene, limbs: Sequence[Limb], position: Array, acceleration: Array
+    scene: ModuleScene, limbs: Sequence[SupportModule], position: Array, acceleration: Array
 ) -> Array:
     """Return the forces (n, limbs, 3) of latches on the box in the world frame [N]."""
     offsets = np.array([scene.side_offset(0, limb.side) for limb in limbs])
@@ -112,7 +114,7 @@ def _compute_latch_forces(
 
 
 def _add_flight(
-    partial_plan: PartialPlan, limbs: Sequence[Limb], trajectory: PhaseTrajectory
+    partial_plan: PartialPlan, limbs: Sequence[SupportModule], trajectory: PhaseTrajectory
 ) -> None:
     """Add a phase in which the box flies, and modules that threw it stop next to its path."""
     scene = partial_plan.scene
@@ -135,8 +137,8 @@ def _add_flight(
         )
         for brake, hurry in _RETREATS:
             ends = _plan_retreat(start, release_velocity, normal, time, brake, hurry)
-            on_box = Pose(ends, np.broadcast_to(rotation, (len(time), 3, 3)))
-            far_pose = Pose(
+            on_box = FramePoses(ends, np.broadcast_to(rotation, (len(time), 3, 3)))
+            far_pose = FramePoses(
                 np.tile(limb.fixed_position, (len(time), 1)),
                 np.broadcast_to(limb.other_rotation, (len(time), 3, 3)),
             )
@@ -180,7 +182,9 @@ def _plan_retreat(
     return np.asarray(positions + path[:, None] * normal)
 
 
-def _follow_branch(scene: Scene, first: Pose, last: Pose, current: Array) -> Array | None:
+def _follow_branch(
+    scene: ModuleScene, first: FramePoses, last: FramePoses, current: Array
+) -> Array | None:
     """Return angles (n, 6) that continue from the current ones; None where out of reach."""
     from climbplan.limms.modules.chain import BRANCHES, range_excess
 

@@ -14,7 +14,7 @@ from climbplan.limms.modules.contact import (
     link_segments,
 )
 from climbplan.limms.motion.timeline import PartialPlan
-from climbplan.limms.scene.limms_scene import Points, Pose
+from climbplan.limms.scene.limms_scene import FramePoses, Points
 
 
 class Blocked(Exception):
@@ -55,11 +55,11 @@ def compute_gaps(
 
 
 def compute_rooted_points(
-    partial_plan: PartialPlan, root: Pose, root_end: int, angles: Array
+    partial_plan: PartialPlan, root: FramePoses, root_end: int, angles: Array
 ) -> Points:
     """Return the poses (n) of a module with one end fixed."""
     shape = angles.shape[:-1]
-    base = Pose(
+    base = FramePoses(
         np.broadcast_to(root.position, (*shape, 3)),
         np.broadcast_to(root.rotation, (*shape, 3, 3)),
     )
@@ -79,5 +79,5 @@ def add_motion(
 ) -> None:
     """Add a stretch in which one module moves while all else rests."""
     moving = partial_plan.build_rest(name, time)
-    moving.place(module, Pose(points.position[:, 0], points.rotation[:, 0]), angles, rates)
+    moving.place(module, FramePoses(points.position[:, 0], points.rotation[:, 0]), angles, rates)
     partial_plan.add(moving)

@@ -13,8 +13,8 @@ from climbplan.limms.budget.search_budget import SearchBudget
 from climbplan.limms.modules.chain import forward
 from climbplan.limms.motion.timeline import DRIVES, PartialPlan, Stretch
 from climbplan.limms.plan.convergence import Convergence
-from climbplan.limms.plan.limms_plan import LimmsPlan, Motion
-from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, Points, Pose, Scene
+from climbplan.limms.plan.limms_plan import LimmsPlan, ModuleMotion
+from climbplan.limms.scene.limms_scene import GRAVITY, SIDE_NORMALS, FramePoses, ModuleScene, Points
 from climbplan.limms.scene.placement import rotate_to_world
 from climbplan.limms.schema.loading import LoadedLimms
 
@@ -33,7 +33,7 @@ class PlanRecord:
 
 def make_plan(
     loaded: LoadedLimms,
-    scene: Scene,
+    scene: ModuleScene,
     partial_plan: PartialPlan,
     budget: SearchBudget,
     record: PlanRecord,
@@ -93,7 +93,7 @@ def cut_short_warning(limit: float) -> str:
     )
 
 
-def _warnings(scene: Scene, motion: Motion) -> tuple[str, ...]:
+def _warnings(scene: ModuleScene, motion: ModuleMotion) -> tuple[str, ...]:
     """Return warnings about effects that the model neglects."""
     weight = scene.module.mass * GRAVITY
     warnings = []
@@ -119,17 +119,17 @@ def build_motion(
     module: Any,
     wall_position: Array,
     box_size: Array,
-) -> tuple[Motion, tuple[tuple[str, float, float], ...]]:
+) -> tuple[ModuleMotion, tuple[tuple[str, float, float], ...]]:
     """Join stretches into one motion, and return it with the times of each.
 
     All boxes rest except the one that a stretch moves.
     """
     starts = np.concatenate([[0.0], np.cumsum([s.time[-1] for s in stretches])])
-    joined: dict[str, list[Any]] = {key: [] for key in Motion.__annotations__}
+    joined: dict[str, list[Any]] = {key: [] for key in ModuleMotion.__annotations__}
     boxes = len(box_size)
     for stretch, start in zip(stretches, starts[:-1], strict=True):
         n = len(stretch.time)
-        base = Pose(stretch.base_position, stretch.base_rotation)
+        base = FramePoses(stretch.base_position, stretch.base_rotation)
         points: Points = forward(module, base, stretch.angles)
         order = list(stretch.box_number)
         moved_box = order[0]
@@ -175,7 +175,7 @@ def build_motion(
         }
         for key, value in arrays.items():
             joined[key].append(value)
-    motion = Motion(**{key: np.concatenate(values) for key, values in joined.items()})
+    motion = ModuleMotion(**{key: np.concatenate(values) for key, values in joined.items()})
     return motion, _list_stages(stretches, starts)
 
 

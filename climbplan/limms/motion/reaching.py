@@ -23,7 +23,7 @@ from climbplan.limms.motion.straight_motion import (
     retract,
 )
 from climbplan.limms.motion.timeline import PartialPlan, sample_times
-from climbplan.limms.scene.limms_scene import Points, Pose
+from climbplan.limms.scene.limms_scene import FramePoses, Points
 
 PATH_CLEARANCE = 0.004  # [m] kept along paths
 _DRIVING_CLEARANCE = 2e-3  # [m] kept while driving
@@ -61,7 +61,7 @@ def _sample_polyline(corners: Array) -> Array:
 
 
 def _build_free_test(
-    partial_plan: PartialPlan, module: int, root: Pose, root_end: int, margin: float
+    partial_plan: PartialPlan, module: int, root: FramePoses, root_end: int, margin: float
 ) -> Callable[[Array], BoolArray]:
     """Return a test of joint angles (n, 6) [rad]: in range, and `margin` [m] off everything."""
 
@@ -78,7 +78,7 @@ def _build_free_test(
 def move_joints(
     partial_plan: PartialPlan,
     module: int,
-    root: Pose,
+    root: FramePoses,
     root_end: int,
     *,
     goal: Array,
@@ -132,10 +132,10 @@ def move_joints(
 def reach(
     partial_plan: PartialPlan,
     module: int,
-    root: Pose,
+    root: FramePoses,
     root_end: int,
     *,
-    target: Pose,
+    target: FramePoses,
     ending: Array,
     name: str,
     rng: np.random.Generator,
@@ -178,7 +178,7 @@ def drive(
     rotation = partial_plan.base_rotation[module]
 
     def points(places: Array) -> Points:
-        base = Pose(places, np.broadcast_to(rotation, (len(places), 3, 3)))
+        base = FramePoses(places, np.broadcast_to(rotation, (len(places), 3, 3)))
         return forward(scene.module, base, np.broadcast_to(angles, (len(places), 6)))
 
     def free(positions: Array) -> BoolArray:

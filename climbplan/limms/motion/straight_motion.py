@@ -9,7 +9,7 @@ from climbplan.arrays import Array
 from climbplan.limms.modules.chain import BRANCHES, follow_path, inverse, range_excess
 from climbplan.limms.motion.moving import Blocked, add_motion, compute_gaps, compute_rooted_points
 from climbplan.limms.motion.timeline import PartialPlan, sample_times
-from climbplan.limms.scene.limms_scene import Pose
+from climbplan.limms.scene.limms_scene import FramePoses
 from climbplan.limms.schema.module import ModuleSpec
 
 APPROACH_LENGTHS = (
@@ -25,10 +25,10 @@ _MAX_STEP = 0.2  # [rad] between samples, which are a few millimetres apart
 def plan_straight_approach(
     partial_plan: PartialPlan,
     module: int,
-    root: Pose,
+    root: FramePoses,
     root_end: int,
     *,
-    target: Pose,
+    target: FramePoses,
     ending: Array,
     length: float,
 ) -> Array | None:
@@ -52,15 +52,15 @@ def plan_straight_approach(
     fractions = np.linspace(0, 1, 25)
     positions = target.position - length * (1 - fractions)[:, None] * inward
     shape = (len(fractions), 3, 3)
-    moving = Pose(positions, np.broadcast_to(target.rotation, shape))
-    fixed = Pose(
+    moving = FramePoses(positions, np.broadcast_to(target.rotation, shape))
+    fixed = FramePoses(
         np.broadcast_to(root.position, positions.shape), np.broadcast_to(root.rotation, shape)
     )
     first, last = (fixed, moving) if free_end == 1 else (moving, fixed)
     reversed_path = follow_path(
         scene.module,
-        Pose(first.position[::-1], first.rotation),
-        Pose(last.position[::-1], last.rotation),
+        FramePoses(first.position[::-1], first.rotation),
+        FramePoses(last.position[::-1], last.rotation),
         ending,
     )
     path = reversed_path.angles[::-1]
@@ -77,7 +77,9 @@ def plan_straight_approach(
     return None if gap.min() < -1e-9 else path
 
 
-def retract(partial_plan: PartialPlan, module: int, root: Pose, root_end: int, name: str) -> None:
+def retract(
+    partial_plan: PartialPlan, module: int, root: FramePoses, root_end: int, name: str
+) -> None:
     """Add a motion that draws the free end back along its axis.
 
     Raises:
@@ -85,7 +87,7 @@ def retract(partial_plan: PartialPlan, module: int, root: Pose, root_end: int, n
     """
     free_end = 7 if root_end == 0 else 0
     points = partial_plan.points(module)
-    pose = Pose(points.position[free_end], points.rotation[free_end])
+    pose = FramePoses(points.position[free_end], points.rotation[free_end])
     for length in APPROACH_LENGTHS:
         path = plan_straight_approach(
             partial_plan,
@@ -103,7 +105,7 @@ def retract(partial_plan: PartialPlan, module: int, root: Pose, root_end: int, n
 
 
 def follow_line(
-    partial_plan: PartialPlan, module: int, root: Pose, root_end: int, path: Array, name: str
+    partial_plan: PartialPlan, module: int, root: FramePoses, root_end: int, path: Array, name: str
 ) -> None:
     """Add a motion of one module whose free end moves straight, through angles (n, 6).
 
@@ -123,8 +125,8 @@ def follow_line(
         ends.position[1, free_end] - ends.position[0, free_end]
     )
     shape = (len(times), 3, 3)
-    moving = Pose(positions, np.broadcast_to(rotation, shape))
-    fixed = Pose(
+    moving = FramePoses(positions, np.broadcast_to(rotation, shape))
+    fixed = FramePoses(
         np.broadcast_to(root.position, positions.shape), np.broadcast_to(root.rotation, shape)
     )
     first, last = (fixed, moving) if free_end == 7 else (moving, fixed)
@@ -142,7 +144,9 @@ def follow_line(
     )
 
 
-def select_branch(module: ModuleSpec, first: Pose, last: Pose, start: Array, end: Array) -> Array:
+def select_branch(
+    module: ModuleSpec, first: FramePoses, last: FramePoses, start: Array, end: Array
+) -> Array:
     """Return the angles (n, 6) of the branch that is nearest to `start` and `end` at its ends."""
     best, error = None, np.inf
     for branch in BRANCHES:

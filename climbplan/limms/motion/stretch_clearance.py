@@ -15,7 +15,7 @@ from climbplan.limms.modules.contact import (
 )
 from climbplan.limms.motion.moving import Blocked
 from climbplan.limms.motion.timeline import Stretch
-from climbplan.limms.scene.limms_scene import Pose, Scene
+from climbplan.limms.scene.limms_scene import FramePoses, ModuleScene
 from climbplan.limms.scene.placement import rotate_to_world
 
 TOUCH = -5e-5  # [m], smallest gap of a valid motion
@@ -23,7 +23,7 @@ _MOTION_TOLERANCE = 1e-12  # [m]
 _LATCH_TOLERANCE = 1e-6  # [m]
 
 
-def require_clear_of_all(scene: Scene, stretch: Stretch) -> None:
+def require_clear_of_all(scene: ModuleScene, stretch: Stretch) -> None:
     """Raise an error where modules touch solids, boxes, themselves or each other.
 
     Joint speeds and the contact with the box are tested, too, since programs constrain knots only.
@@ -52,7 +52,7 @@ def require_clear_of_all(scene: Scene, stretch: Stretch) -> None:
                 _require(gap, f"module {name}", f"module {scene.module_names[second]}")
 
 
-def _require_reachable(scene: Scene, stretch: Stretch) -> None:
+def _require_reachable(scene: ModuleScene, stretch: Stretch) -> None:
     """Raise an error where joints are too fast, or a latch leaves the box."""
     max_rates = np.abs(stretch.rates).max(axis=(0, 2))
     for m, name in enumerate(scene.module_names):
@@ -62,7 +62,7 @@ def _require_reachable(scene: Scene, stretch: Stretch) -> None:
             )
         for end, anchors in enumerate((stretch.base_anchor, stretch.tip_anchor)):
             if 0 <= anchors[m] < 4:
-                base = Pose(stretch.base_position[:, m], stretch.base_rotation[:, m])
+                base = FramePoses(stretch.base_position[:, m], stretch.base_rotation[:, m])
                 tip = forward(scene.module, base, stretch.angles[:, m]).position[:, 7 * end]
                 offset = scene.side_offset(0, int(anchors[m]))
                 error = tip - stretch.box - rotate_to_world(stretch.turning[:, 0], offset)
@@ -77,14 +77,14 @@ def _require(gap: Array, subject: str, obstacle: str) -> None:
         raise Blocked(f"{subject} reaches {-1e3 * smallest:.1f} mm into {obstacle} on the way")
 
 
-def _compute_segments(scene: Scene, stretch: Stretch, module: int) -> Array:
+def _compute_segments(scene: ModuleScene, stretch: Stretch, module: int) -> Array:
     """Return the link segments of a module (n, 4, 2, 3) [m]."""
-    base = Pose(stretch.base_position[:, module], stretch.base_rotation[:, module])
+    base = FramePoses(stretch.base_position[:, module], stretch.base_rotation[:, module])
     points = forward(scene.module, base, stretch.angles[:, module])
     return link_segments(points, scene.module.radius)
 
 
-def _list_box_placements(scene: Scene, stretch: Stretch) -> tuple[Array, Array]:
+def _list_box_placements(scene: ModuleScene, stretch: Stretch) -> tuple[Array, Array]:
     """Return centres (n, B, 3) and yaws (n, B) of all boxes."""
     count = len(stretch.time)
     fixed_centres = np.tile(scene.box_start[1:], (count, 1, 1))

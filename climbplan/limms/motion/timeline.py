@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.limms.modules.chain import forward
 from climbplan.limms.modules.contact import link_segments
-from climbplan.limms.scene.limms_scene import Points, Pose, Scene
+from climbplan.limms.scene.limms_scene import FramePoses, ModuleScene, Points
 
 STEP = 0.01  # [s] between samples, at most
 
@@ -42,7 +42,7 @@ class Stretch:
     other_positions: Array  # (B - 1, 3) of boxes that stand [m]
     other_yaws: Array  # (B - 1,) [rad]
 
-    def place(self, module: int, base: Pose, angles: Array, rates: Array) -> None:
+    def place(self, module: int, base: FramePoses, angles: Array, rates: Array) -> None:
         """Write the motion of one module: its first end (n, 3) and (n, 3, 3), joints (n, 6)."""
         self.angles[:, module] = angles
         self.rates[:, module] = rates
@@ -54,7 +54,7 @@ class Stretch:
 class PartialPlan:
     """The state of planning: where everything is now, and the stretches planned so far."""
 
-    scene: Scene
+    scene: ModuleScene
     box: Array  # (3,)
     yaw: float  # of the box [rad]
     box_mode: int
@@ -68,7 +68,7 @@ class PartialPlan:
     stretches: list[Stretch] = field(default_factory=list)
 
     @classmethod
-    def at_start(cls, scene: Scene, poses: tuple[Array, Array], angles: Array) -> PartialPlan:
+    def at_start(cls, scene: ModuleScene, poses: tuple[Array, Array], angles: Array) -> PartialPlan:
         """Return the state at the start: modules stand upright or are latched to anchors."""
         num_modules = scene.num_modules
         is_latched = scene.start_anchor >= 0
@@ -120,7 +120,7 @@ class PartialPlan:
 
     def points(self, module: int) -> Points:
         """Return the points of a module now."""
-        base = Pose(self.base_position[module], self.base_rotation[module])
+        base = FramePoses(self.base_position[module], self.base_rotation[module])
         return forward(self.scene.module, base, self.angles[module])
 
     def segments(self, module: int) -> Array:

@@ -13,7 +13,7 @@ from climbplan.limms.pages.obstacles import find_obstacles
 from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.scene.placement import rotation_about_vertical
 from climbplan.reports import palette
-from climbplan.reports.camera import Camera, compute_silhouette
+from climbplan.reports.camera import OrthographicCamera, compute_silhouette
 from climbplan.reports.sheet import (
     draw_foot_legend,
     draw_heading,
@@ -22,7 +22,7 @@ from climbplan.reports.sheet import (
     new_figure,
 )
 
-_CAMERA = Camera(-62.0, 22.0)
+_CAMERA = OrthographicCamera(-62.0, 22.0)
 _MAX_PICTURES = 8
 _FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path as FilePath
+from pathlib import StaticLines as FilePath
 
 import numpy as np
 
@@ -14,14 +14,22 @@ from climbplan.limms.plan.summary import describe_boxes
 from climbplan.limms.scene.placement import rotation_about_vertical
 from climbplan.reports import palette
 from climbplan.reports.key_frames import select_key_frames
-from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, build_block
+from climbplan.reports.viewer.scene import (
+    Boxes,
+    ForceArrows,
+    Rods,
+    StaticLines,
+    StaticMesh,
+    ViewerScene,
+    build_block,
+)
 
 _TOLERANCE = 2e-3  # [m], error of the view between key frames
 _GROUND_MARGIN = 0.4  # [m] of ground and walls drawn beyond the motion
 _ANCHOR_SIZE = 0.03  # [m], edge of a drawn anchor
 
 
-def read_scene(path: FilePath) -> Scene:
+def read_scene(path: FilePath) -> ViewerScene:
     """Read the scene of a LIMMS plan file.
 
     Raises:
@@ -30,7 +38,7 @@ def read_scene(path: FilePath) -> Scene:
     return build_module_scene(read_limms_plan(path))
 
 
-def build_module_scene(plan: LimmsPlan) -> Scene:
+def build_module_scene(plan: LimmsPlan) -> ViewerScene:
     """Build the scene of a plan."""
     motion = plan.motion
     count, modules = motion.joint_position.shape[:2]
@@ -55,7 +63,7 @@ def build_module_scene(plan: LimmsPlan) -> Scene:
     num_links = links.shape[2]
     starts = [start for _, start, _ in plan.stages]
     time = motion.time[frames]
-    return Scene(
+    return ViewerScene(
         title=plan.name,
         facts=(
             f"{modules} modules, {describe_boxes(plan)}, {plan.method}",
@@ -66,7 +74,7 @@ def build_module_scene(plan: LimmsPlan) -> Scene:
         marks=np.unique(np.searchsorted(time, starts)).astype(np.int64),
         shapes=(*_build_solids(plan, lower, upper), *_build_anchors(plan)),
         paths=tuple(
-            Path(
+            StaticLines(
                 f"box {b}" if plan.deliveries > 1 else "box",
                 np.stack([boxes[:-1, b], boxes[1:, b]], axis=1),
                 palette.TRACE,
@@ -109,7 +117,7 @@ def _build_captions(plan: LimmsPlan, frames: IntArray) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def _build_solids(plan: LimmsPlan, lower: Array, upper: Array) -> list[Shape]:
+def _build_solids(plan: LimmsPlan, lower: Array, upper: Array) -> list[StaticMesh]:
     """Return shapes of solids, clipped to the surroundings of the motion."""
     low_limit, high_limit = lower - _GROUND_MARGIN, upper + _GROUND_MARGIN
     obstacles, shapes = find_obstacles(plan), []
@@ -124,7 +132,7 @@ def _build_solids(plan: LimmsPlan, lower: Array, upper: Array) -> list[Shape]:
     return shapes
 
 
-def _build_anchors(plan: LimmsPlan) -> list[Shape]:
+def _build_anchors(plan: LimmsPlan) -> list[StaticMesh]:
     """Return shapes of anchors on walls and ground, and of goals; those of boxes move with them."""
     first = 4 * len(plan.box_size)
     half = _ANCHOR_SIZE / 2
@@ -153,12 +161,12 @@ def _build_boxes(plan: LimmsPlan, center: Array, yaw: Array) -> Boxes:
     )
 
 
-def _build_forces(plan: LimmsPlan, frames: IntArray) -> Forces:
+def _build_forces(plan: LimmsPlan, frames: IntArray) -> ForceArrows:
     """Return the forces on boxes."""
     motion = plan.motion
     count, boxes = motion.force[frames].shape[:2]
     force = motion.force[frames].reshape(count, 4 * boxes, 3)
-    return Forces(
+    return ForceArrows(
         point=motion.anchor_position[frames][:, : 4 * boxes],
         force=force,
         normal=np.zeros_like(force),  # latches on boxes have no friction cone

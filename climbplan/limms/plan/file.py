@@ -9,8 +9,8 @@ import h5py
 import numpy as np
 
 from climbplan.limms.plan.convergence import RESIDUALS, Convergence
-from climbplan.limms.plan.limms_plan import LimmsPlan, Motion
-from climbplan.store.hdf5_layout import Layout
+from climbplan.limms.plan.limms_plan import LimmsPlan, ModuleMotion
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_text
 from climbplan.store.root_attributes import (
@@ -26,53 +26,53 @@ FORMAT_VERSION = 1
 STATUSES = ("feasible", "limit")  # limit: the clock cut the search short
 
 # T samples, B boxes, L modules, A anchors
-MOTION: dict[str, tuple[str, Layout]] = {
-    "time": ("time", Layout(("T",), "s")),
-    "box_position": ("box/position", Layout(("T", "B", 3), "m", "world")),
-    "box_velocity": ("box/velocity", Layout(("T", "B", 3), "m/s", "world")),
-    "box_acceleration": ("box/acceleration", Layout(("T", "B", 3), "m/s^2", "world")),
-    "box_yaw": ("box/yaw", Layout(("T", "B"), "rad", "world")),
-    "box_yaw_rate": ("box/yaw_rate", Layout(("T", "B"), "rad/s", "world")),
-    "box_yaw_acceleration": ("box/yaw_acceleration", Layout(("T", "B"), "rad/s^2", "world")),
-    "box_mode": ("box/mode", Layout(("T", "B"), kind="int")),
-    "joint_position": ("limms/joint_position", Layout(("T", "L", 8, 3), "m", "world")),
-    "joint_rotation": ("limms/joint_rotation", Layout(("T", "L", 8, 3, 3), "", "world")),
-    "joint_angles": ("limms/joint_angles", Layout(("T", "L", 6), "rad")),
-    "joint_velocity": ("limms/joint_velocity", Layout(("T", "L", 6), "rad/s")),
-    "mode": ("limms/mode", Layout(("T", "L"), kind="int")),
-    "base_anchor": ("limms/base_anchor", Layout(("T", "L"), kind="int")),
-    "tip_anchor": ("limms/tip_anchor", Layout(("T", "L"), kind="int")),
-    "ground_end": ("limms/ground_end", Layout(("T", "L"), kind="int")),
-    "anchor_position": ("anchors/position", Layout(("T", "A", 3), "m", "world")),
-    "force": ("force", Layout(("T", "B", 4, 3), "N", "world")),
+MOTION: dict[str, tuple[str, DatasetLayout]] = {
+    "time": ("time", DatasetLayout(("T",), "s")),
+    "box_position": ("box/position", DatasetLayout(("T", "B", 3), "m", "world")),
+    "box_velocity": ("box/velocity", DatasetLayout(("T", "B", 3), "m/s", "world")),
+    "box_acceleration": ("box/acceleration", DatasetLayout(("T", "B", 3), "m/s^2", "world")),
+    "box_yaw": ("box/yaw", DatasetLayout(("T", "B"), "rad", "world")),
+    "box_yaw_rate": ("box/yaw_rate", DatasetLayout(("T", "B"), "rad/s", "world")),
+    "box_yaw_acceleration": ("box/yaw_acceleration", DatasetLayout(("T", "B"), "rad/s^2", "world")),
+    "box_mode": ("box/mode", DatasetLayout(("T", "B"), kind="int")),
+    "joint_position": ("limms/joint_position", DatasetLayout(("T", "L", 8, 3), "m", "world")),
+    "joint_rotation": ("limms/joint_rotation", DatasetLayout(("T", "L", 8, 3, 3), "", "world")),
+    "joint_angles": ("limms/joint_angles", DatasetLayout(("T", "L", 6), "rad")),
+    "joint_velocity": ("limms/joint_velocity", DatasetLayout(("T", "L", 6), "rad/s")),
+    "mode": ("limms/mode", DatasetLayout(("T", "L"), kind="int")),
+    "base_anchor": ("limms/base_anchor", DatasetLayout(("T", "L"), kind="int")),
+    "tip_anchor": ("limms/tip_anchor", DatasetLayout(("T", "L"), kind="int")),
+    "ground_end": ("limms/ground_end", DatasetLayout(("T", "L"), kind="int")),
+    "anchor_position": ("anchors/position", DatasetLayout(("T", "A", 3), "m", "world")),
+    "force": ("force", DatasetLayout(("T", "B", 4, 3), "N", "world")),
 }
-STILL: dict[str, tuple[str, Layout]] = {
-    "anchor_normal": ("anchors/normal", Layout(("A", 3), "", "world")),
-    "box_size": ("box/size", Layout(("B", 3), "m")),
-    "box_mass": ("box/mass", Layout(("B",), "kg")),
-    "goal": ("box/goal", Layout(("B", 3), "m", "world")),
-    "goal_yaw": ("box/goal_yaw", Layout(("B",), "rad", "world")),
-    "solids": ("terrain/solids", Layout(("S", 2, 3), "m", "world")),
+STILL: dict[str, tuple[str, DatasetLayout]] = {
+    "anchor_normal": ("anchors/normal", DatasetLayout(("A", 3), "", "world")),
+    "box_size": ("box/size", DatasetLayout(("B", 3), "m")),
+    "box_mass": ("box/mass", DatasetLayout(("B",), "kg")),
+    "goal": ("box/goal", DatasetLayout(("B", 3), "m", "world")),
+    "goal_yaw": ("box/goal_yaw", DatasetLayout(("B",), "rad", "world")),
+    "solids": ("terrain/solids", DatasetLayout(("S", 2, 3), "m", "world")),
 }
 # Without these datasets boxes keep their attitude
 _TURNING = ("box_yaw", "box_yaw_rate", "box_yaw_acceleration", "goal_yaw")
 # I iterations of a consensus; only plans of that method have the group
-CONVERGENCE: dict[str, Layout] = {
-    "attempt": Layout(("I",), kind="int"),
-    "frozen": Layout(("I",), kind="int"),
+CONVERGENCE: dict[str, DatasetLayout] = {
+    "attempt": DatasetLayout(("I",), kind="int"),
+    "frozen": DatasetLayout(("I",), kind="int"),
     **{
-        f"{name}_{part}": Layout(("I",), unit)
+        f"{name}_{part}": DatasetLayout(("I",), unit)
         for name, unit in RESIDUALS.items()
         for part in ("mean", "max")
     },
-    "missed": Layout(("I",), "m"),
-    "violation": Layout(("I",), "m"),
-    "mixed_integer_seconds": Layout(("I",), "s"),
-    "nonlinear_seconds": Layout(("I",), "s"),
+    "missed": DatasetLayout(("I",), "m"),
+    "violation": DatasetLayout(("I",), "m"),
+    "mixed_integer_seconds": DatasetLayout(("I",), "s"),
+    "nonlinear_seconds": DatasetLayout(("I",), "s"),
 }
-_NAMES = Layout(("A",), kind="text")
-_MODULES = Layout(("L",), kind="text")
-_LINKS = Layout((7,), "m")
+_NAMES = DatasetLayout(("A",), kind="text")
+_MODULES = DatasetLayout(("L",), kind="text")
+_LINKS = DatasetLayout((7,), "m")
 
 _NOTES = {
     "objective_is": "distance of the box from its goal at the end [m]",
@@ -168,7 +168,7 @@ def _read(reader: Reader) -> LimmsPlan:
         boxes = reader.dimensions["B"]
         no_rotation = np.zeros((reader.dimensions["T"], boxes))
         values |= dict.fromkeys(_TURNING, no_rotation) | {"goal_yaw": np.zeros(boxes)}
-    motion = Motion(**{key: values.pop(key) for key in MOTION})
+    motion = ModuleMotion(**{key: values.pop(key) for key in MOTION})
     convergence = None
     if reader.has("convergence"):
         values_by_iteration = {

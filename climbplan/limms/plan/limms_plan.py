@@ -14,7 +14,7 @@ MODULE_MODES = {1: "free", 2: "arm", 3: "added arm", 4: "leg", 5: "added leg"}
 
 
 @dataclass(frozen=True)
-class Motion:
+class ModuleMotion:
     """Dense samples (T). Where modes change, a time occurs twice: before and after."""
 
     time: Array  # (T,) [s]
@@ -44,7 +44,7 @@ class LimmsPlan(PlanHeader):
     title: str
     method: str
     status: str
-    motion: Motion
+    motion: ModuleMotion
     anchor_names: tuple[str, ...]
     anchor_normal: Array  # (A, 3) of those on boxes in the box's frame
     box_size: Array  # (B, 3) [m]

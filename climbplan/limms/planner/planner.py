@@ -25,7 +25,7 @@ from climbplan.limms.plan.limms_plan import LimmsPlan
 from climbplan.limms.plan.summary import format_plan_summary
 from climbplan.limms.planner.motions import TaskPlanExecution
 from climbplan.limms.scene.limms_scene import (
-    Scene,
+    ModuleScene,
     build_scene,
     is_at_goal,
     put_box_first,
@@ -72,7 +72,7 @@ def plan_limms(loaded: LoadedLimms, report: Progress = lambda stage, share: None
 
 
 def _plan_calmest(
-    loaded: LoadedLimms, scene: Scene, report: Progress, budget: SearchBudget
+    loaded: LoadedLimms, scene: ModuleScene, report: Progress, budget: SearchBudget
 ) -> LimmsPlan:
     """Plan with masses at slower and slower paces until the hardware bears the loads.
 
@@ -120,7 +120,7 @@ def _mark_cut_short(plan: LimmsPlan, budget: SearchBudget) -> LimmsPlan:
 
 
 def _plan_at_pace(
-    loaded: LoadedLimms, scene: Scene, report: Progress, budget: SearchBudget
+    loaded: LoadedLimms, scene: ModuleScene, report: Progress, budget: SearchBudget
 ) -> tuple[LimmsPlan, bool]:
     """Plan a scene within the remaining budget; return the plan and whether it passes verification.
 
@@ -177,7 +177,7 @@ def _plan_at_pace(
     )
 
 
-def _find_candidates(scene: Scene) -> CandidateActions:
+def _find_candidates(scene: ModuleScene) -> CandidateActions:
     """Return the single actions that bring the only box to its goal; none are listed for several.
 
     Raises:

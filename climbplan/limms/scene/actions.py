@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from climbplan.arrays import Array
 from climbplan.limms.scene.bounds import Connection
-from climbplan.limms.scene.limms_scene import SIDES, Scene
+from climbplan.limms.scene.limms_scene import SIDES, ModuleScene
 
 SUBTASK_COST = 0.4  # cost of each subtask after the first: less than that of a module
 _KIND_COST = {
@@ -54,7 +54,7 @@ class Action:
         """Return the cost that orders actions: few modules first, then what is easy."""
         return self.num_modules + self.extra_cost()
 
-    def describe(self, scene: Scene) -> str:
+    def describe(self, scene: ModuleScene) -> str:
         """Return the action in words."""
         if self.kind == "quadruped":
             return "quadruped"
@@ -91,7 +91,7 @@ class TaskPlan:
         extra = sum(subtask.action.extra_cost() for subtask in self.subtasks)
         return max_modules + SUBTASK_COST * (len(self.subtasks) - 1) + extra + self.tie_break_cost
 
-    def describe(self, scene: Scene) -> str:
+    def describe(self, scene: ModuleScene) -> str:
         """Return the task plan in words."""
         if scene.num_deliveries > 1:
             return "; ".join(

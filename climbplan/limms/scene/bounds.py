@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.scene.limms_scene import SIDE_NORMALS, Patch, Scene
+from climbplan.limms.scene.limms_scene import SIDE_NORMALS, GroundPatch, ModuleScene
 from climbplan.limms.scene.phases import compute_load_sharing
 from climbplan.limms.scene.placement import centre_of, rotate_to_world, yaw_of
 
@@ -22,7 +22,7 @@ class Connection:
     links: int = 1  # modules in the chain: an arm, and added arms on it
 
 
-def check_holding(scene: Scene, connections: Sequence[Connection]) -> str:
+def check_holding(scene: ModuleScene, connections: Sequence[Connection]) -> str:
     """Return the latch limit that forbids holding the box at rest: "force", "moment", or ""."""
     offsets = np.array([scene.side_offset(0, c.side) for c in connections])
     load_sharing = compute_load_sharing(offsets, scene.module.max_force, scene.module.latch_moment)
@@ -41,7 +41,9 @@ def check_holding(scene: Scene, connections: Sequence[Connection]) -> str:
     return ""
 
 
-def is_within_reach(scene: Scene, connections: Sequence[Connection], placement: Array) -> bool:
+def is_within_reach(
+    scene: ModuleScene, connections: Sequence[Connection], placement: Array
+) -> bool:
     """Return whether each stretched-out chain spans from its anchor to its side of the box.
 
     Args:
@@ -56,20 +58,20 @@ def is_within_reach(scene: Scene, connections: Sequence[Connection], placement: 
     )
 
 
-def max_chain_span(scene: Scene, links: int) -> float:
+def max_chain_span(scene: ModuleScene, links: int) -> float:
     """Return the largest distance from the first shoulder of a chain to its last wrist [m]."""
     a = scene.module.link_lengths
     return links * sum(a[2:5]) + (links - 1) * (a[0] + a[1] + a[5] + a[6])
 
 
-def anchor_wrist(scene: Scene, root: int) -> Array:
+def anchor_wrist(scene: ModuleScene, root: int) -> Array:
     """Return the wrist (3,) of a module on a terrain anchor: its nearest off-axis joint [m]."""
     a = scene.module.link_lengths
     wrist: Array = scene.wall_position[root] + (a[0] + a[1]) * scene.wall_normal[root]
     return wrist
 
 
-def side_wrist(scene: Scene, side: int, placement: Array) -> Array:
+def side_wrist(scene: ModuleScene, side: int, placement: Array) -> Array:
     """Return the wrist (3,) of a module latched to a side of the box at a placement (D,) [m]."""
     a = scene.module.link_lengths
     wrist_offset = scene.side_offset(0, side) + (a[5] + a[6]) * SIDE_NORMALS[side]
@@ -81,7 +83,7 @@ def joint_distance(first: Array, second: Array) -> float:
     return float(np.linalg.norm(first - second))
 
 
-def is_reachable_from_ground(scene: Scene, wrist: Array) -> bool:
+def is_reachable_from_ground(scene: ModuleScene, wrist: Array) -> bool:
     """Return whether the last wrist of a driving module reaches a point (3,) from the ground."""
     return any(
         _is_reachable_from_patch(scene, patch, wrist)
@@ -90,14 +92,14 @@ def is_reachable_from_ground(scene: Scene, wrist: Array) -> bool:
     )
 
 
-def _is_reachable_from_patch(scene: Scene, patch: Patch, wrist: Array) -> bool:
+def _is_reachable_from_patch(scene: ModuleScene, patch: GroundPatch, wrist: Array) -> bool:
     a = scene.module.link_lengths
     horizontal_gap = np.maximum(np.maximum(patch.lower - wrist[:2], wrist[:2] - patch.upper), 0.0)
     height = float(wrist[2]) - patch.height - a[0] - a[1]
     return float(np.hypot(np.linalg.norm(horizontal_gap), height)) <= max_chain_span(scene, 1)
 
 
-def find_module_stands(scene: Scene) -> Array:
+def find_module_stands(scene: ModuleScene) -> Array:
     """Return where modules stand or can stand (L, 3) [m], NaN for those on wall anchors.
 
     A module on an anchor of the ground may let go of it.
@@ -110,12 +112,12 @@ def find_module_stands(scene: Scene) -> Array:
     return places
 
 
-def compute_ground_end_frame(scene: Scene, root: int) -> bool:
+def compute_ground_end_frame(scene: ModuleScene, root: int) -> bool:
     """Return whether a terrain anchor is on the ground, so that its module stands upright."""
     return bool(scene.wall_normal[root][2] > 0.5)
 
 
-def is_accessible(scene: Scene, root: int) -> bool:
+def is_accessible(scene: ModuleScene, root: int) -> bool:
     """Return whether a module is on an anchor at the start or reaches it from the ground."""
     anchor = scene.wall_offset + root
     return bool((scene.start_anchor == anchor).any()) or is_reachable_from_ground(
@@ -123,7 +125,7 @@ def is_accessible(scene: Scene, root: int) -> bool:
     )
 
 
-def is_accessible_over_box(scene: Scene, connection: Connection, placement: Array) -> bool:
+def is_accessible_over_box(scene: ModuleScene, connection: Connection, placement: Array) -> bool:
     """Return whether a module may reach a side of the box, and from there the anchor.
 
     Args:

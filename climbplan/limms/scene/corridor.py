@@ -15,7 +15,7 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.limms_scene import ModuleScene
 from climbplan.limms.scene.placement import centre_of, swept_half_extents, yaw_of
 
 CLEARANCE = 5e-4  # [m] between the box and other boxes
@@ -31,7 +31,7 @@ class Corridor:
     crossings: Array  # (n - 1, D) [m, rad]
 
 
-def list_standing_yaws(scene: Scene) -> Array:
+def list_standing_yaws(scene: ModuleScene) -> Array:
     """Return the yaws (n,) from start to goal with which the first box may be put down [rad]."""
     first, last = (float(yaw_of(place)) for place in (scene.start_placement, scene.goal_placement))
     if first == last:
@@ -40,7 +40,7 @@ def list_standing_yaws(scene: Scene) -> Array:
     return np.linspace(first, last, steps + 1)
 
 
-def decompose_free_space(scene: Scene) -> Array:
+def decompose_free_space(scene: ModuleScene) -> Array:
     """Return the maximal free blocks (n, 2, D) of placements of the first box [m, rad]."""
     half = scene.box_size[0] / 2
     obstacle_extents = [
@@ -72,7 +72,7 @@ def decompose_free_space(scene: Scene) -> Array:
     return np.concatenate(pieces)
 
 
-def decompose_relaxed_free_space(scene: Scene) -> Array:
+def decompose_relaxed_free_space(scene: ModuleScene) -> Array:
     """Return blocks (n, 2, 3) that contain every free centre of the first box, at any yaw [m]."""
     half, obstacle_extents = scene.box_size[0] / 2, list(scene.box_size[1:] / 2)
     if scene.uses_yaw:
@@ -93,7 +93,7 @@ def _inscribed_half_extents(half: Array) -> Array:
     return np.array([side, side, half[2]])
 
 
-def _find_maximal_blocks(scene: Scene, half: Array, obstacle_extents: list[Array]) -> Array:
+def _find_maximal_blocks(scene: ModuleScene, half: Array, obstacle_extents: list[Array]) -> Array:
     """Return the maximal free blocks (n, 2, 3) of centres of an upright block [m].
 
     Args:

@@ -24,7 +24,7 @@ SIDE_NORMALS = np.array([[1.0, 0, 0], [-1.0, 0, 0], [0, 1.0, 0], [0, -1.0, 0]])
 FLIP = np.diag([1.0, -1.0, -1.0])  # from an anchor's frame to that of a last end on it
 
 
-class Pose(NamedTuple):
+class FramePoses(NamedTuple):
     """Frames given by positions (..., 3) [m] and rotations to the world (..., 3, 3)."""
 
     position: Array
@@ -46,7 +46,7 @@ def anchor_frame(normal: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Patch:
+class GroundPatch:
     """A rectangle of ground that modules can stand on."""
 
     lower: Array  # (2,) smallest x and y [m]
@@ -64,7 +64,7 @@ class Patch:
 
 
 @dataclass(frozen=True)
-class Scene:
+class ModuleScene:
     """The data of the planning problem; A = 4 B + W anchors, those of boxes first."""
 
     module: ModuleSpec
@@ -85,7 +85,7 @@ class Scene:
     arrival_speed: float  # [m/s]
     friction: float
     solids: Array  # (S, 2, 3) lower and upper corners of what is not free [m]
-    patches: tuple[Patch, ...]
+    patches: tuple[GroundPatch, ...]
     allow: tuple[str, ...]
     massless: bool = True  # modules have no mass of their own
     pace: float = 1.0  # speed of motions without the box and of steps, relative to the fastest
@@ -151,14 +151,16 @@ class Scene:
         return offset
 
 
-def is_at_goal(scene: Scene, box: int) -> bool:
+def is_at_goal(scene: ModuleScene, box: int) -> bool:
     """Return whether a box stands at its goal from the start."""
     rotation = (scene.goal_yaws[box] - scene.start_yaws[box] + np.pi) % (2 * np.pi) - np.pi
     distance = np.abs(scene.box_start[box] - scene.goals[box]).max()
     return bool(distance < 1e-9 and abs(rotation) < 1e-9)
 
 
-def put_box_first(scene: Scene, box: int, placements: Array, goal: Array, speed: float) -> Scene:
+def put_box_first(
+    scene: ModuleScene, box: int, placements: Array, goal: Array, speed: float
+) -> ModuleScene:
     """Return the scene that brings one box to a goal while all others stand where they are.
 
     Args:
@@ -185,7 +187,7 @@ def put_box_first(scene: Scene, box: int, placements: Array, goal: Array, speed:
     )
 
 
-def remove_other_boxes(scene: Scene) -> Scene:
+def remove_other_boxes(scene: ModuleScene) -> ModuleScene:
     """Return the scene without the other boxes to deliver, which may be anywhere later."""
     kept_boxes = [b for b in range(scene.num_boxes) if b == 0 or scene.box_mass[b] == 0]
     names = [scene.anchor_names[4 * b + side] for b in kept_boxes for side in range(4)]
@@ -206,7 +208,7 @@ def remove_other_boxes(scene: Scene) -> Scene:
     )
 
 
-def build_scene(loaded: LoadedLimms) -> Scene:
+def build_scene(loaded: LoadedLimms) -> ModuleScene:
     """Build the scene of a loaded spec."""
     spec = loaded.spec
     space = spec.terrain.space()
@@ -220,7 +222,7 @@ def build_scene(loaded: LoadedLimms) -> Scene:
     wall_names = [anchor.name for anchor in anchors]
     offset = 4 * len(boxes)
     nowhere = (np.nan, np.nan, np.nan)
-    return Scene(
+    return ModuleScene(
         module=loaded.module,
         module_names=tuple(m.name for m in spec.modules),
         start_position=np.array([m.position or nowhere for m in spec.modules], float),
@@ -247,7 +249,7 @@ def build_scene(loaded: LoadedLimms) -> Scene:
     )
 
 
-def find_ground_patches(free: Array, solids: Array) -> tuple[Patch, ...]:
+def find_ground_patches(free: Array, solids: Array) -> tuple[GroundPatch, ...]:
     """Return the maximal rectangles of ground on the grid of all face coordinates.
 
     Args:
@@ -277,7 +279,7 @@ def find_ground_patches(free: Array, solids: Array) -> tuple[Patch, ...]:
             if ground[a:b, c:d].all()
         ]
         patches += [
-            Patch(np.array([xs[a], ys[c]]), np.array([xs[b], ys[d]]), float(height))
+            GroundPatch(np.array([xs[a], ys[c]]), np.array([xs[b], ys[d]]), float(height))
             for a, b, c, d in rectangles
             if not any(
                 larger != (a, b, c, d)

@@ -14,7 +14,7 @@ from climbplan.arrays import Array
 
 
 @dataclass(frozen=True)
-class Limb:
+class SupportModule:
     """A module that holds the box: an arm (its other end fixed) or a leg (its other end a foot)."""
 
     module: int
@@ -28,7 +28,7 @@ class Limb:
 
 
 @dataclass(frozen=True)
-class Phase:
+class BoxPhase:
     """A phase of constant modes: how the box moves, and where it may be."""
 
     kind: str  # "held", "flight"
@@ -43,7 +43,7 @@ class Phase:
 class PhaseTrajectory:
     """The trajectory of one phase at its knots (K + 1); placements as in `placement.py`."""
 
-    phase: Phase
+    phase: BoxPhase
     duration: float  # [s]
     position: Array  # (K + 1, D) placements of the box [m, rad]
     velocity: Array  # (K + 1, D) [m/s, rad/s]

@@ -7,8 +7,8 @@ from typing import Annotated, Literal, Self
 from pydantic import Field, model_validator
 
 from climbplan.limms.schema.space import (
-    FreeSpace,
     PlacedBox,
+    SpaceDecomposition,
     build_space,
     find_anchor_faults,
     find_block_faults,
@@ -66,7 +66,7 @@ class SpaceSpec(SpecModel):
         default=(), description="anchors on walls, ceilings, obstacles and ground"
     )
 
-    def space(self) -> FreeSpace:
+    def space(self) -> SpaceDecomposition:
         """Return the free and solid space."""
         return build_space(
             [(r.lower, r.upper) for r in self.regions],

@@ -28,7 +28,7 @@ class PlacedBox(NamedTuple):
 
 
 @dataclass(frozen=True)
-class FreeSpace:
+class SpaceDecomposition:
     """Blocks that cover the free space, and blocks that cover the solid around it."""
 
     free: tuple[Block, ...]
@@ -36,7 +36,9 @@ class FreeSpace:
     obstacles: tuple[tuple[str, Block], ...]  # by name, clipped to the regions
 
 
-def build_space(regions: Sequence[Block], obstacles: Sequence[tuple[str, Block]] = ()) -> FreeSpace:
+def build_space(
+    regions: Sequence[Block], obstacles: Sequence[tuple[str, Block]] = ()
+) -> SpaceDecomposition:
     """Return regions without obstacles; obstacles may reach into walls and into each other."""
     free = [_to_floats(block) for block in regions]
     solid = compute_solid_blocks(free)
@@ -53,7 +55,7 @@ def build_space(regions: Sequence[Block], obstacles: Sequence[tuple[str, Block]]
             lambda point: _inside_any(point, free) and not _inside_any(point, blocks),
         )
         solid = [*solid, *blocks]
-    return FreeSpace(tuple(free), tuple(solid), tuple(inside))
+    return SpaceDecomposition(tuple(free), tuple(solid), tuple(inside))
 
 
 def compute_solid_blocks(free: Sequence[Block]) -> list[Block]:
@@ -108,7 +110,9 @@ def _has_volume(block: Block) -> bool:
     return all(high - low > TINY for low, high in zip(*block, strict=True))
 
 
-def find_block_faults(key: str, what: str, box: PlacedBox, space: FreeSpace) -> list[Fault]:
+def find_block_faults(
+    key: str, what: str, box: PlacedBox, space: SpaceDecomposition
+) -> list[Fault]:
     """Return faults for a box in walls or obstacles, with its depth."""
     walls = space.solid[: len(space.solid) - len(space.obstacles)]
     depth = max((_compute_depth(box, _to_box(block)) for block in walls), default=0.0)
@@ -152,7 +156,7 @@ def _compute_depth(first: PlacedBox, second: PlacedBox) -> float:
 
 
 def find_anchor_faults(
-    key: str, name: str, position: Vector, normal: Vector, space: FreeSpace
+    key: str, name: str, position: Vector, normal: Vector, space: SpaceDecomposition
 ) -> list[Fault]:
     """Return a fault unless an anchor is on a face with free space along its normal."""
     ahead = _vector(p + 1e-3 * n for p, n in zip(position, normal, strict=True))
@@ -165,7 +169,7 @@ def find_anchor_faults(
     return []
 
 
-def find_stand_faults(key: str, name: str, point: Vector, space: FreeSpace) -> list[Fault]:
+def find_stand_faults(key: str, name: str, point: Vector, space: SpaceDecomposition) -> list[Fault]:
     """Return a fault unless a point is on the ground."""
     above = (point[0], point[1], point[2] + TINY)
     below = (point[0], point[1], point[2] - TINY)

@@ -19,7 +19,7 @@ from climbplan.limms.simulation.replay import MAX_MISS, ModuleRun, simulate_modu
 from climbplan.reports.page_parts import Card
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.mujoco_loading import load_mujoco
-from climbplan.simulation.pictures import Camera, open_camera
+from climbplan.simulation.pictures import SnapshotCamera, open_camera
 from climbplan.simulation.report_files import (
     SimulationEnd,
     SimulationRecord,
@@ -87,7 +87,7 @@ class SimulatedModules:
     plan: LimmsPlan
     run: ModuleRun
     compared: ModuleComparison
-    camera: Camera | str
+    camera: SnapshotCamera | str
 
 
 def simulate_module_plan(
@@ -103,21 +103,23 @@ def simulate_module_plan(
     """
     _check_request(plan, asked)
     load_mujoco()
-    camera: Camera | str = "no pictures asked for"
+    camera: SnapshotCamera | str = "no pictures asked for"
     first_sample = _find_first_sample(plan)
     if asked.pictures:
         path = _find_moving_box(plan)[first_sample:]
         camera = open_camera(path, azimuth=140.0)
-        if isinstance(camera, Camera):
+        if isinstance(camera, SnapshotCamera):
             camera.view.distance *= 0.75  # a module is a metre long, not two
-    watch = _build_watcher(plan, camera, first_sample) if isinstance(camera, Camera) else None
+    watch = (
+        _build_watcher(plan, camera, first_sample) if isinstance(camera, SnapshotCamera) else None
+    )
     run = simulate_modules(
         plan,
         asked.conditions,
         progress=lambda fraction: progress("simulate", fraction),
         watch=watch,
     )
-    if isinstance(camera, Camera):
+    if isinstance(camera, SnapshotCamera):
         camera.close()
     return SimulatedModules(plan, run, compare_modules(run), camera)
 
@@ -141,7 +143,9 @@ def _find_first_sample(plan: LimmsPlan) -> int:
     return min(int(np.searchsorted(motion.time, start)), len(motion.time) - 2)
 
 
-def _build_watcher(plan: LimmsPlan, camera: Camera, begin: int) -> Callable[[int, Any, Any], None]:
+def _build_watcher(
+    plan: LimmsPlan, camera: SnapshotCamera, begin: int
+) -> Callable[[int, Any, Any], None]:
     """Return a callback that takes pictures evenly in time, by the numbers of the camera."""
     time = plan.motion.time
     due = list(camera.samples)
@@ -266,7 +270,7 @@ def _compute_goal_error(simulated: SimulatedModules) -> float:
 def build_report(simulated: SimulatedModules) -> SimulationRecord:
     """Build the record of a simulated plan of modules."""
     plan, run = simulated.plan, simulated.run
-    camera = simulated.camera if isinstance(simulated.camera, Camera) else None
+    camera = simulated.camera if isinstance(simulated.camera, SnapshotCamera) else None
     figures = {"way": plot_path(plan, run), "loads": plot_loads(plan, run)}
     film = None
     if camera is not None and camera.pictures:

@@ -27,7 +27,7 @@ from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.actions import SUBTASK_COST, Action, Subtask, TaskPlan, freeze_placement
 from climbplan.limms.scene.corridor import path_length
 from climbplan.limms.task_planning.relaxed_actions import RelaxedAction
-from climbplan.limms.task_planning.state_space import GOAL, START, State, StateSpace
+from climbplan.limms.task_planning.state_space import GOAL, START, StateSpace, TaskState
 
 MAX_PLANS_PER_KIND = 10  # task plans with the same kinds of actions in the same order
 MAX_PLANS_PER_ACTIONS = 2  # task plans of one kind with the same arms in the same order
@@ -96,12 +96,12 @@ class _BestFirstSearch:
     def enumerate_plans(self) -> Iterator[TaskPlan]:
         """Yield task plans, cheapest first, with at most a few similar ones."""
         tie_breaker = count()
-        queue: list[tuple[float, int, State, TaskPlan | None]] = [
+        queue: list[tuple[float, int, TaskState, TaskPlan | None]] = [
             (0.0, next(tie_breaker), self.space.initial, None)
         ]
         num_of_kind: Counter[tuple[tuple[int, str, bool], ...]] = Counter()
         num_of_actions: Counter[tuple[tuple[int, Action], ...]] = Counter()
-        visits: Counter[tuple[State, Action | None]] = Counter()
+        visits: Counter[tuple[TaskState, Action | None]] = Counter()
         num_expanded: Counter[tuple[int, ...]] = Counter()
         while queue:
             _, _, state, task_plan = heapq.heappop(queue)
@@ -128,7 +128,7 @@ class _BestFirstSearch:
                 bound = extended.cost() + SUBTASK_COST * self._estimate_cost_to_go(successor)
                 heapq.heappush(queue, (bound, next(tie_breaker), successor, extended))
 
-    def _estimate_cost_to_go(self, state: State) -> int:
+    def _estimate_cost_to_go(self, state: TaskState) -> int:
         """Return a lower bound on the number of subtasks from a state to the goals.
 
         A box at the goal of an earlier one has to stand somewhere else in the meantime.
@@ -146,7 +146,9 @@ class _BestFirstSearch:
             total += remaining
         return total
 
-    def _expand(self, state: State, task_plan: TaskPlan | None) -> Iterator[tuple[State, TaskPlan]]:
+    def _expand(
+        self, state: TaskState, task_plan: TaskPlan | None
+    ) -> Iterator[tuple[TaskState, TaskPlan]]:
         """Yield the best successor states of one more subtask, with the extended task plans."""
         subtasks = () if task_plan is None else task_plan.subtasks
         detour_before = max(
@@ -163,7 +165,7 @@ class _BestFirstSearch:
                 if effect is None or (repeats_action and action.kind == "quadruped"):
                     continue
                 for target in self._select_places(relaxed, box, state, len(subtasks)):
-                    successor = State(
+                    successor = TaskState(
                         (*state.place_indices[:box], target, *state.place_indices[box + 1 :]),
                         effect.latched,
                     )
@@ -193,7 +195,7 @@ class _BestFirstSearch:
                     yield successor, TaskPlan((*subtasks, subtask), tie_break)
 
     def _select_places(
-        self, relaxed: RelaxedAction, box: int, state: State, num_subtasks: int
+        self, relaxed: RelaxedAction, box: int, state: TaskState, num_subtasks: int
     ) -> Iterator[int]:
         """Yield places to bring a box to: its goal alone if it can go there.
 

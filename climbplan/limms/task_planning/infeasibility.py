@@ -24,7 +24,7 @@ from math import floor, hypot
 from climbplan.errors import Conflict, Infeasible, NoPlanFound, Remedy, Unresolved
 from climbplan.limms.scene.bounds import anchor_wrist, joint_distance, max_chain_span, side_wrist
 from climbplan.limms.scene.corridor import decompose_relaxed_free_space, find_corridor
-from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.limms_scene import ModuleScene
 
 BEHAVIOURS = (
     "looked at are arms in chains of up to two, throws, relatching and quadrupeds, in plans of "
@@ -32,7 +32,7 @@ BEHAVIOURS = (
 )
 
 
-def build_failure(scene: Scene, conflicts: Sequence[Conflict]) -> NoPlanFound:
+def build_failure(scene: ModuleScene, conflicts: Sequence[Conflict]) -> NoPlanFound:
     """Return the error for a scene in which each behaviour is excluded."""
     return prove_infeasible(scene, conflicts) or Unresolved(
         "each behaviour that the search knows is ruled out",
@@ -42,7 +42,7 @@ def build_failure(scene: Scene, conflicts: Sequence[Conflict]) -> NoPlanFound:
     )
 
 
-def prove_infeasible(scene: Scene, conflicts: Sequence[Conflict]) -> Infeasible | None:
+def prove_infeasible(scene: ModuleScene, conflicts: Sequence[Conflict]) -> Infeasible | None:
     """Return the proof that no plan exists for the first box of the scene, or None without one."""
     if is_too_weak(scene):
         return Infeasible("no plan exists: the modules are too weak", conflicts, stage="modes")
@@ -58,7 +58,7 @@ def prove_infeasible(scene: Scene, conflicts: Sequence[Conflict]) -> Infeasible 
     return None
 
 
-def is_too_weak(scene: Scene) -> bool:
+def is_too_weak(scene: ModuleScene) -> bool:
     """Return whether all latches that fit on the box together hold less than its weight.
 
     From rest to rest the forces carry the weight on average, with or without a flight.
@@ -66,7 +66,7 @@ def is_too_weak(scene: Scene) -> bool:
     return _count_contacts(scene) * scene.module.max_force < scene.weight
 
 
-def _count_contacts(scene: Scene) -> int:
+def _count_contacts(scene: ModuleScene) -> int:
     """Return how many ends can hold the box together; arms need one anchor each."""
     return (
         min(scene.num_modules, scene.num_wall_anchors)
@@ -75,12 +75,12 @@ def _count_contacts(scene: Scene) -> int:
     )
 
 
-def _excludes_quadruped(scene: Scene) -> bool:
+def _excludes_quadruped(scene: ModuleScene) -> bool:
     """Return whether a quadruped is impossible: it takes four modules."""
     return "quadruped" not in scene.allow or scene.num_modules < 4
 
 
-def prove_latch_too_weak(scene: Scene) -> tuple[Conflict, ...]:
+def prove_latch_too_weak(scene: ModuleScene) -> tuple[Conflict, ...]:
     """Return why the only possible latch cannot lift the box; empty if it can or there are more."""
     lever = float(scene.box_size[0, :2].min()) / 2
     needed, capacity = lever * scene.weight, scene.module.latch_moment
@@ -95,7 +95,7 @@ def prove_latch_too_weak(scene: Scene) -> tuple[Conflict, ...]:
     return (Conflict("arms", (reason,), remedies, in_words=True, enough=False),)
 
 
-def prove_out_of_reach(scene: Scene) -> tuple[Conflict, ...]:
+def prove_out_of_reach(scene: ModuleScene) -> tuple[Conflict, ...]:
     """Return why no chain of all modules spans to the box at its start; empty if one does."""
     if not _excludes_quadruped(scene):
         return ()
@@ -120,7 +120,7 @@ def prove_out_of_reach(scene: Scene) -> tuple[Conflict, ...]:
     return (Conflict("arms", (reason,), in_words=True),)
 
 
-def prove_unliftable(scene: Scene) -> tuple[Conflict, ...]:
+def prove_unliftable(scene: ModuleScene) -> tuple[Conflict, ...]:
     """Return why chains that reach the box at its start cannot hold it; empty if some can.
 
     Two of any three sides are opposite, so single chains and pairs are enough to test. Latches

@@ -25,7 +25,7 @@ from climbplan.limms.modules.limbs import (
     compute_limb_points,
 )
 from climbplan.limms.scene.bounds import Connection, anchor_wrist, max_chain_span, side_wrist
-from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.limms_scene import ModuleScene
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class HoldingMap:
     is_feasible: BoolArray  # (branches, n), arm holds the box at place
     links: Array  # (m, 4, 2, 3) segments where it is feasible, in order [m]
 
-    def exclude_collisions(self, scene: Scene) -> BoolArray:
+    def exclude_collisions(self, scene: ModuleScene) -> BoolArray:
         """Return where the arm clears all boxes of a scene but the first, bool (branches, n)."""
         is_free = self.is_feasible.copy()
         if scene.num_boxes > 1 and len(self.links):
@@ -50,7 +50,7 @@ HoldingCache = dict[tuple[Connection, bool], HoldingMap]
 
 
 def find_holding_places(
-    scene: Scene, connection: Connection, places: Array, by_first: bool, cache: HoldingCache
+    scene: ModuleScene, connection: Connection, places: Array, by_first: bool, cache: HoldingCache
 ) -> BoolArray:
     """Return where an arm can hold the box, bool (branches, n).
 
@@ -94,7 +94,7 @@ def find_holding_places(
     return is_holdable
 
 
-def is_within_span(scene: Scene, connection: Connection, places: Array) -> BoolArray:
+def is_within_span(scene: ModuleScene, connection: Connection, places: Array) -> BoolArray:
     """Return where a stretched-out chain spans from its anchor to its side, bool (n,)."""
     wrists = side_wrist(scene, connection.side, places)
     away = np.linalg.norm(wrists - anchor_wrist(scene, connection.root), axis=1)

@@ -30,7 +30,7 @@ from climbplan.limms.scene.bounds import (
     side_wrist,
 )
 from climbplan.limms.scene.corridor import decompose_free_space, list_standing_yaws
-from climbplan.limms.scene.limms_scene import Scene
+from climbplan.limms.scene.limms_scene import ModuleScene
 from climbplan.limms.scene.placement import swept_half_extents, yaw_of
 from climbplan.limms.task_planning.reachability import (
     HoldingCache,
@@ -60,12 +60,12 @@ class RelaxedAction:
         return np.asarray(self.begin[(self.end & targets).any(axis=1)].any(axis=0))
 
 
-def list_places(scene: Scene) -> Array:
+def list_places(scene: ModuleScene) -> Array:
     """Return start, goal, and all places where the box can be put down (n, D) [m, rad]."""
     return np.vstack([scene.start_placement, scene.goal_placement, list_standing_places(scene)])
 
 
-def list_standing_places(scene: Scene) -> Array:
+def list_standing_places(scene: ModuleScene) -> Array:
     """Return placements of the box (n, D) on a grid, its whole base on the ground [m, rad]."""
     blocks = decompose_free_space(scene)
     places_by_yaw = [
@@ -75,7 +75,7 @@ def list_standing_places(scene: Scene) -> Array:
     return np.concatenate(places_by_yaw)
 
 
-def _list_places_at_yaw(scene: Scene, blocks: Array, yaw: float | None) -> Array:
+def _list_places_at_yaw(scene: ModuleScene, blocks: Array, yaw: float | None) -> Array:
     """Return standing placements (n, D) at one yaw; None leaves out the yaw coordinate."""
     half = swept_half_extents(scene.box_size[0] / 2, yaw or 0.0, yaw or 0.0)
     grid_points: set[tuple[float, float, float]] = set()
@@ -107,7 +107,7 @@ def find_first_end_anchors(partial_plan: PartialPlan) -> frozenset[int]:
 
 
 def relax_carrying(
-    scene: Scene, places: Array, by_first: frozenset[int], cache: HoldingCache
+    scene: ModuleScene, places: Array, by_first: frozenset[int], cache: HoldingCache
 ) -> list[RelaxedAction]:
     """Return the carrying actions of single arms if one latch holds the box, else of pairs."""
     if "arms" not in scene.allow:
@@ -120,7 +120,7 @@ def relax_carrying(
 
 
 def relax_actions(
-    scene: Scene, places: Array, by_first: frozenset[int], cache: HoldingCache
+    scene: ModuleScene, places: Array, by_first: frozenset[int], cache: HoldingCache
 ) -> list[RelaxedAction]:
     """Return all actions that may move the first box of the scene.
 
@@ -163,7 +163,7 @@ def compute_cost_to_go(
 
 
 def _find_holding_arms(
-    scene: Scene, places: Array, by_first: frozenset[int], cache: HoldingCache
+    scene: ModuleScene, places: Array, by_first: frozenset[int], cache: HoldingCache
 ) -> list[tuple[tuple[Connection, ...], BoolArray]]:
     """Return sets of arms that hold the box, and where they can, bool (branches, places)."""
     single: list[tuple[Connection, BoolArray]] = []
@@ -197,7 +197,7 @@ def _mark_goal(like: BoolArray) -> BoolArray:
 
 
 def _relax_throws(
-    scene: Scene, carrying: Sequence[RelaxedAction], places: Array
+    scene: ModuleScene, carrying: Sequence[RelaxedAction], places: Array
 ) -> Iterator[RelaxedAction]:
     """Yield throws to the goal by arms that do not hold the box there, but nearly do."""
     if "flight" not in scene.allow or scene.arrival_speed <= 0:
@@ -213,7 +213,9 @@ def _relax_throws(
             yield RelaxedAction(Action("throw", arms), relaxed.begin, _mark_goal(relaxed.begin))
 
 
-def _relax_relatching(scene: Scene, places: Array, cache: HoldingCache) -> Iterator[RelaxedAction]:
+def _relax_relatching(
+    scene: ModuleScene, places: Array, cache: HoldingCache
+) -> Iterator[RelaxedAction]:
     """Yield relatching of one module over the box to anchors out of reach from the ground."""
     for root, side in product(range(scene.num_wall_anchors), range(4)):
         connection = Connection(root, side)
@@ -231,7 +233,7 @@ def _relax_relatching(scene: Scene, places: Array, cache: HoldingCache) -> Itera
             )
 
 
-def _relax_chains(scene: Scene, places: Array) -> list[RelaxedAction]:
+def _relax_chains(scene: ModuleScene, places: Array) -> list[RelaxedAction]:
     """Return chains of arms that bring the box to its goal: one if it holds the box, else two."""
     single = [
         Connection(root, side, links)
@@ -260,7 +262,7 @@ def _relax_chains(scene: Scene, places: Array) -> list[RelaxedAction]:
     return relaxed[:_MAX_CHAIN_SETS]
 
 
-def _relax_walking(scene: Scene, places: Array) -> Iterator[RelaxedAction]:
+def _relax_walking(scene: ModuleScene, places: Array) -> Iterator[RelaxedAction]:
     """Yield the walk on four legs, to the ground or the goal, for a box at yaw zero."""
     if "quadruped" not in scene.allow or check_quadruped(scene):
         return

@@ -28,7 +28,7 @@ from climbplan.limms.scene.bounds import (
     side_wrist,
 )
 from climbplan.limms.scene.corridor import decompose_free_space, find_corridor
-from climbplan.limms.scene.limms_scene import GRAVITY, Scene
+from climbplan.limms.scene.limms_scene import GRAVITY, ModuleScene
 
 MAX_CHAIN_LENGTH = 2  # modules in a chain, at most
 EASY_FLIGHT = 0.3  # [m] beyond the reach of arms: throws over this distance are easy
@@ -43,7 +43,7 @@ class CandidateActions:
     configurations: int  # number of sets of connections, up to permuting modules
 
 
-def find_single_actions(scene: Scene) -> CandidateActions:
+def find_single_actions(scene: ModuleScene) -> CandidateActions:
     """Return the actions that pass the necessary conditions, and the conflicts of the others."""
     conflicts: list[Conflict] = []
     actions: list[Action] = []
@@ -77,7 +77,7 @@ def find_single_actions(scene: Scene) -> CandidateActions:
     return CandidateActions(tuple(actions), tuple(conflicts), num_configurations)
 
 
-def _enumerate_arm_sets(scene: Scene) -> Iterator[tuple[Connection, ...]]:
+def _enumerate_arm_sets(scene: ModuleScene) -> Iterator[tuple[Connection, ...]]:
     """Yield sets of chains that reach the box: different anchors and sides, enough modules."""
     start = scene.start_placement
     reachable = [
@@ -101,7 +101,7 @@ def _enumerate_arm_sets(scene: Scene) -> Iterator[tuple[Connection, ...]]:
                     yield connections
 
 
-def _count_configurations(scene: Scene) -> int:
+def _count_configurations(scene: ModuleScene) -> int:
     """Return how many sets of chains there are, within reach or not."""
     return sum(
         comb(scene.num_wall_anchors, n) * perm(4, n)
@@ -112,7 +112,10 @@ def _count_configurations(scene: Scene) -> int:
 
 
 def _filter_arm_sets(
-    scene: Scene, arm_sets: list[tuple[Connection, ...]], num_sets: int, conflicts: list[Conflict]
+    scene: ModuleScene,
+    arm_sets: list[tuple[Connection, ...]],
+    num_sets: int,
+    conflicts: list[Conflict],
 ) -> list[Action]:
     """Return the arm actions that pass all conditions, and append the conflicts of the others.
 
@@ -153,7 +156,9 @@ def _filter_arm_sets(
     return actions
 
 
-def _list_arm_actions(scene: Scene, connections: tuple[Connection, ...]) -> list[Action] | str:
+def _list_arm_actions(
+    scene: ModuleScene, connections: tuple[Connection, ...]
+) -> list[Action] | str:
     """Return what chains can do with the box, or the name of the condition that excludes them."""
     allow_throw = "flight" in scene.allow and scene.arrival_speed > 0
     reason = check_holding(scene, connections)
@@ -187,7 +192,7 @@ def _list_arm_actions(scene: Scene, connections: tuple[Connection, ...]) -> list
     return actions or "way to the anchor"
 
 
-def _sum_wrist_distances(scene: Scene, connections: tuple[Connection, ...]) -> float:
+def _sum_wrist_distances(scene: ModuleScene, connections: tuple[Connection, ...]) -> float:
     """Return the distances between wrists at anchors and box, summed over start and goal [m]."""
     return sum(
         joint_distance(anchor_wrist(scene, c.root), side_wrist(scene, c.side, box))
@@ -196,7 +201,7 @@ def _sum_wrist_distances(scene: Scene, connections: tuple[Connection, ...]) -> f
     )
 
 
-def _compute_extra_flight(scene: Scene, connections: tuple[Connection, ...]) -> float:
+def _compute_extra_flight(scene: ModuleScene, connections: tuple[Connection, ...]) -> float:
     """Return how far the goal lies beyond the arms' reach and `EASY_FLIGHT` [m]."""
     beyond = max(
         joint_distance(anchor_wrist(scene, c.root), side_wrist(scene, c.side, scene.goal_placement))
@@ -206,7 +211,7 @@ def _compute_extra_flight(scene: Scene, connections: tuple[Connection, ...]) -> 
     return max(beyond - EASY_FLIGHT, 0.0)
 
 
-def _filter_quadruped(scene: Scene, conflicts: list[Conflict]) -> list[Action]:
+def _filter_quadruped(scene: ModuleScene, conflicts: list[Conflict]) -> list[Action]:
     """Return the quadruped action if it is possible, else append the conflict."""
     if scene.uses_yaw:
         reason = "legs do not turn a box, nor stand beside one that is turned"
@@ -217,7 +222,7 @@ def _filter_quadruped(scene: Scene, conflicts: list[Conflict]) -> list[Action]:
     return [] if conflicts_found else [Action("quadruped")]
 
 
-def check_quadruped(scene: Scene) -> tuple[Conflict, ...]:
+def check_quadruped(scene: ModuleScene) -> tuple[Conflict, ...]:
     """Return why four modules cannot be legs of the box wherever it stands; empty if they can."""
     strength = 4 * scene.module.max_force
     if scene.num_modules < 4:

@@ -21,7 +21,12 @@ from climbplan.limms.motion.timeline import PartialPlan
 from climbplan.limms.scene.actions import Action
 from climbplan.limms.scene.bounds import compute_ground_end_frame
 from climbplan.limms.scene.corridor import CLEARANCE
-from climbplan.limms.scene.limms_scene import Scene, is_at_goal, put_box_first, remove_other_boxes
+from climbplan.limms.scene.limms_scene import (
+    ModuleScene,
+    is_at_goal,
+    put_box_first,
+    remove_other_boxes,
+)
 from climbplan.limms.scene.placement import centre_of, yaw_of
 from climbplan.limms.task_planning.reachability import HoldingCache
 from climbplan.limms.task_planning.relaxed_actions import (
@@ -37,7 +42,7 @@ _MIN_CLEARANCE = 0.02  # [m] between a box that is put down and where others sta
 _MAX_CLEARANCE = 0.3  # [m] beyond which more clearance makes no place better
 
 
-class State(NamedTuple):
+class TaskState(NamedTuple):
     """A state in which all boxes stand and nothing is latched to them."""
 
     place_indices: tuple[int, ...]  # index of the place of each box to deliver
@@ -85,13 +90,13 @@ class StateSpace:
             GOAL if scene.num_deliveries > 1 and is_at_goal(scene, box) else START
             for box in range(scene.num_deliveries)
         )
-        self.initial = State(indices, tuple(sorted(anchors)))
+        self.initial = TaskState(indices, tuple(sorted(anchors)))
         self._relaxed: dict[tuple[int, tuple[int, ...]], list[RelaxedAction]] = {}
         self._caches: list[HoldingCache] = [{} for _ in range(scene.num_deliveries)]
         self._goal_overlaps: dict[tuple[int, int, int], bool] = {}
         self.boxes = [self._build_box_places(box) for box in range(scene.num_deliveries)]
 
-    def find_actions(self, box: int, state: State) -> list[RelaxedAction]:
+    def find_actions(self, box: int, state: TaskState) -> list[RelaxedAction]:
         """Return actions that may move a box while all others stand as in a state."""
         other_places = _other_places(box, state)
         if (box, other_places) not in self._relaxed:
@@ -119,7 +124,7 @@ class StateSpace:
         placement = self.boxes[box].places[index]
         return np.array([*centre_of(placement), yaw_of(placement)])
 
-    def compute_clearances(self, box: int, state: State) -> Array:
+    def compute_clearances(self, box: int, state: TaskState) -> Array:
         """Return the clearance (n,) around places of a box to where others stand or will go [m].
 
         The clearance saturates at `_MAX_CLEARANCE`, and is minus infinity below `_MIN_CLEARANCE`.
@@ -154,7 +159,7 @@ class StateSpace:
             self._goal_overlaps[box, index, other] = bool(gap[0] < -1e-6)
         return self._goal_overlaps[box, index, other]
 
-    def compute_latch_effect(self, state: State, action: Action) -> LatchEffect | None:
+    def compute_latch_effect(self, state: TaskState, action: Action) -> LatchEffect | None:
         """Return the latches after an action, or None where it lacks modules.
 
         Modules that are not needed stay. Of the others, those nearest to the anchors of the action
@@ -205,7 +210,7 @@ class StateSpace:
         """Return centre and yaw (B, 4) of all boxes at the start [m, rad]."""
         return np.column_stack([self.scene.box_start, self.scene.start_yaws])
 
-    def _build_scene(self, box: int, placements: Array) -> Scene:
+    def _build_scene(self, box: int, placements: Array) -> ModuleScene:
         """Return the scene that brings one box to its goal, all others at placements (B, 4)."""
         goal = np.array([*self.scene.goals[box], self.scene.goal_yaws[box]])
         is_last = box == self.scene.num_deliveries - 1
@@ -214,7 +219,7 @@ class StateSpace:
         )
 
 
-def _other_places(box: int, state: State) -> tuple[int, ...]:
+def _other_places(box: int, state: TaskState) -> tuple[int, ...]:
     """Return the place indices of all boxes but one."""
     return state.place_indices[:box] + state.place_indices[box + 1 :]
 

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.mechanics.identification.limb_model import Limb, limb_matrices
+from climbplan.mechanics.identification.limb_model import MeasuredLimb, limb_matrices
 from climbplan.mechanics.identification.measurements import Matrix
 
 MODEL_ERROR = 0.05  # relative, of a column: postures and geometry are never exact
@@ -31,7 +31,7 @@ FEET = ("known", "horizontal", "radial")  # what a stated foot distance means
 
 
 @dataclass(frozen=True)
-class Model:
+class FitModel:
     """The unknowns of a fit."""
 
     structure: bool  # the structure has an isotropic compliance
@@ -65,7 +65,7 @@ class Estimate:
 class Fit:
     """The result of one model."""
 
-    model: Model
+    model: FitModel
     matrices: tuple[Matrix, ...]  # those used
     joint_stiffness: tuple[Estimate, ...]  # of the joints felt [N m/rad]
     share: Estimate | None  # the structure's fraction of the compliance, mean over postures
@@ -80,11 +80,11 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class _Problem:
+class _FitData:
     """The matrices as arrays."""
 
-    limb: Limb
-    model: Model
+    limb: MeasuredLimb
+    model: FitModel
     measured: Array  # (T, a, a)
     weight: Array  # (T, a, a) 1 / standard deviation, 0 for entries counted already
     softening: Array  # (T,) reference gain / gain
@@ -130,13 +130,15 @@ class _Problem:
         # A foot out of reach has large residuals, so that the search turns back.
         return np.where(np.isfinite(out), out, 1e3).reshape(len(self.measured), -1)
 
-    def take(self, rows: IntArray) -> _Problem:
+    def take(self, rows: IntArray) -> _FitData:
         """Return the problem of some matrices."""
         arrays = {k: v[rows] for k, v in vars(self).items() if isinstance(v, np.ndarray)}
-        return _Problem(**{**vars(self), **arrays})
+        return _FitData(**{**vars(self), **arrays})
 
 
-def fit_stiffness(limb: Limb, matrices: Sequence[Matrix], model: Model, seed: int = 0) -> Fit:
+def fit_stiffness(
+    limb: MeasuredLimb, matrices: Sequence[Matrix], model: FitModel, seed: int = 0
+) -> Fit:
     """Fit one model, with intervals from bootstrap resampling of the matrices.
 
     Args:
@@ -193,7 +195,7 @@ def fit_stiffness(limb: Limb, matrices: Sequence[Matrix], model: Model, seed: in
 
 
 def _select_usable(
-    limb: Limb, matrices: Sequence[Matrix], model: Model
+    limb: MeasuredLimb, matrices: Sequence[Matrix], model: FitModel
 ) -> tuple[list[Matrix], list[str]]:
     """Return the matrices that some posture explains, and why others are not usable."""
     usable, unusable = [], []
@@ -212,7 +214,7 @@ def _select_usable(
     return usable, unusable
 
 
-def _build_problem(limb: Limb, matrices: Sequence[Matrix], model: Model) -> _Problem:
+def _build_problem(limb: MeasuredLimb, matrices: Sequence[Matrix], model: FitModel) -> _FitData:
     """Build the arrays of the problem."""
     measured = np.array([matrix.stiffness for matrix in matrices])
     deviation = np.array([matrix.deviation for matrix in matrices])
@@ -228,7 +230,7 @@ def _build_problem(limb: Limb, matrices: Sequence[Matrix], model: Model) -> _Pro
         np.where(is_known, np.median(gains[is_known]) / gains, 1.0) if is_known.any() else None
     )
     unknown_angles = np.full(len(limb.angles.names), np.nan)
-    return _Problem(
+    return _FitData(
         limb,
         model,
         measured,
@@ -241,13 +243,13 @@ def _build_problem(limb: Limb, matrices: Sequence[Matrix], model: Model) -> _Pro
     )
 
 
-def _count_fixed(problem: _Problem) -> int:
+def _count_fixed(problem: _FitData) -> int:
     """Return the number of unknowns besides the places of feet."""
     model = problem.model
     return problem.joints * (2 if model.by_gain else 1) + int(model.structure)
 
 
-def _find_start(problem: _Problem) -> Array:
+def _find_start(problem: _FitData) -> Array:
     """Return the best start of a grid, with each foot where it suits the stiffness best."""
     j, model = problem.joints, problem.model
     extra = [np.log(1e-3)] * (j if model.by_gain else 0)
@@ -275,7 +277,7 @@ def _find_start(problem: _Problem) -> Array:
     return best
 
 
-def _solve(problem: _Problem, start: Array, evaluations: int = 400) -> Array:
+def _solve(problem: _FitData, start: Array, evaluations: int = 400) -> Array:
     """Solve the robust least-squares problem from a start."""
     fixed = _count_fixed(problem)
     low, high = np.full(len(start), -np.inf), np.full(len(start), np.inf)
@@ -292,13 +294,13 @@ def _solve(problem: _Problem, start: Array, evaluations: int = 400) -> Array:
     return np.asarray(solution.x)
 
 
-def _compute_scaled_residuals(problem: _Problem, x: Array) -> Array:
+def _compute_scaled_residuals(problem: _FitData, x: Array) -> Array:
     """Return the residuals of the entries that count, corrected for the degrees of freedom."""
     residual = problem.residual(x)[problem.weight.reshape(len(problem.measured), -1) > 0]
     return np.asarray(residual * np.sqrt(residual.size / max(residual.size - x.size, 1)))
 
 
-def _resample(problem: _Problem, x: Array, seed: int) -> list[Array]:
+def _resample(problem: _FitData, x: Array, seed: int) -> list[Array]:
     """Fit matrices drawn with replacement (bootstrap): a campaign samples postures."""
     rng = np.random.default_rng(seed)
     count, fixed = len(problem.measured), _count_fixed(problem)
@@ -315,7 +317,7 @@ def _append_places(draw: Array, x: Array) -> Array:
     return np.concatenate([draw, x[len(draw) :]])
 
 
-def _compute_structural_share(problem: _Problem, x: Array) -> float:
+def _compute_structural_share(problem: _FitData, x: Array) -> float:
     """Return the structure's fraction of the trace of the compliance, mean over postures."""
     compliance, shape, even, place = problem.split(x)
     jacobian = problem.limb.jacobians(problem.compute_angles(place))

@@ -24,7 +24,7 @@ from climbplan.robots.model import Robot
 
 
 @dataclass(frozen=True)
-class Limb:
+class MeasuredLimb:
     """The geometry of the limb that was measured."""
 
     robot: Robot

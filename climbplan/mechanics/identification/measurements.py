@@ -58,7 +58,7 @@ COXA_FEMUR_TIBIA = AngleColumns(("coxa", "femur", "tibia"), "coxa")
 
 
 @dataclass(frozen=True)
-class Posture:
+class MeasuredPosture:
     """The posture of the limb: joint angles, or only the distance of its foot."""
 
     angles: Array | None  # (j,) [rad]
@@ -70,7 +70,7 @@ class Matrix:
     """One stiffness matrix at one posture."""
 
     name: str
-    posture: Posture
+    posture: MeasuredPosture
     gain: float | None  # P gain of the motors, if the file tells it
     stiffness: Array  # (a, a) over the measured axes, column = displaced axis [N/m]
     deviation: Array  # (a, a) standard deviation known from the data, 0 if unknown [N/m]
@@ -83,7 +83,7 @@ class Series:
 
     test: str
     axis: int  # position in the measured axes
-    posture: Posture
+    posture: MeasuredPosture
     gain: float | None
     displacement: Array  # (s,) along the axis [m]
     force: Array  # (s, a) [N]
@@ -101,7 +101,7 @@ class Measurements:
 
 
 @dataclass(frozen=True)
-class _Row:
+class _TableRow:
     line: int
     number: dict[str, float]
     text: dict[str, str]
@@ -109,7 +109,7 @@ class _Row:
 
 @dataclass(frozen=True)
 class _Sheet:
-    rows: tuple[_Row, ...]
+    rows: tuple[_TableRow, ...]
     columns: frozenset[str]
     skipped: tuple[str, ...]
     resolution: dict[str, float]  # half a unit of the last digit printed, by column
@@ -158,7 +158,7 @@ def _read_sheet(path: Path, angles: AngleColumns) -> _Sheet:
             continue
         for name in scales:
             digits[name] = max(digits.get(name, 0), len(text[name].partition(".")[2]))
-        rows.append(_Row(line, number, text))
+        rows.append(_TableRow(line, number, text))
     if not rows:
         raise UsageError(f"{path}: no row is usable; {skipped[0]}")
     resolution = {name: scales[name] * 0.5 * 10.0**-count for name, count in digits.items()}
@@ -233,15 +233,15 @@ def _parse_number(text: str) -> float:
         return float("nan")
 
 
-def _read_posture(row: _Row, angles: AngleColumns) -> Posture:
+def _read_posture(row: _TableRow, angles: AngleColumns) -> MeasuredPosture:
     """Return the posture of a row."""
     if set(angles.names) - {angles.across} <= set(row.number):
-        return Posture(np.array([row.number.get(name, 0.0) for name in angles.names]), None)
-    return Posture(None, row.number["r"])
+        return MeasuredPosture(np.array([row.number.get(name, 0.0) for name in angles.names]), None)
+    return MeasuredPosture(None, row.number["r"])
 
 
 def _read_matrix(
-    row: _Row, axes: tuple[int, ...], resolution: dict[str, float], angles: AngleColumns
+    row: _TableRow, axes: tuple[int, ...], resolution: dict[str, float], angles: AngleColumns
 ) -> Matrix:
     """Return the matrix of a row."""
     size = len(axes)
@@ -260,13 +260,13 @@ def _read_matrix(
 
 
 def _group_series(
-    rows: Sequence[_Row], axes: tuple[int, ...], angles: AngleColumns
+    rows: Sequence[_TableRow], axes: tuple[int, ...], angles: AngleColumns
 ) -> tuple[list[Series], list[str]]:
     """Group the rows of each test and loaded axis, in their order."""
     displacement_names = ["d" + AXES[a] for a in axes]
-    groups: dict[tuple[str, int], list[_Row]] = {}
+    groups: dict[tuple[str, int], list[_TableRow]] = {}
     skipped: list[str] = []
-    tests: dict[str, list[_Row]] = {}
+    tests: dict[str, list[_TableRow]] = {}
     for row in rows:
         tests.setdefault(row.text["test"], []).append(row)
     for test, members in tests.items():
@@ -295,7 +295,7 @@ def _group_series(
     return series, skipped
 
 
-def _find_loaded_axes(rows: Sequence[_Row], names: Sequence[str]) -> list[int]:
+def _find_loaded_axes(rows: Sequence[_TableRow], names: Sequence[str]) -> list[int]:
     """Return the axis that each row of a test loads; a row at rest starts the next loading."""
     start = rows[0].number
     axes: list[int] = []

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from climbplan.errors import UsageError
-from climbplan.mechanics.identification.fit import Fit, Model, fit_stiffness
-from climbplan.mechanics.identification.limb_model import Limb, angle_columns
+from climbplan.mechanics.identification.fit import Fit, FitModel, fit_stiffness
+from climbplan.mechanics.identification.limb_model import MeasuredLimb, angle_columns
 from climbplan.mechanics.identification.measurements import Matrix, Measurements, read_measurements
 from climbplan.mechanics.identification.slopes import Reduced, matrices_from
 from climbplan.robots.model import Robot
@@ -23,7 +23,7 @@ _MAX_ERROR = 0.2  # relative, of a model that describes the limb
 class Identification:
     """The results of a file of measurements on a limb."""
 
-    limb: Limb
+    limb: MeasuredLimb
     measurements: Measurements
     matrices: tuple[Matrix, ...]
     reduced: Reduced | None  # tests the matrices were taken from
@@ -69,7 +69,7 @@ def identify(
         SpecError: Its columns are wrong.
     """
     measured = read_measurements(path, angle_columns(robot, number))
-    limb = Limb(robot, measured.axes, number)
+    limb = MeasuredLimb(robot, measured.axes, number)
     reduced = matrices_from(measured.series, measured.axes) if measured.series else None
     matrices = reduced.matrices if reduced is not None else measured.matrices
     if not matrices:
@@ -92,13 +92,13 @@ def identify(
     return Identification(limb, measured, matrices, reduced, tuple(fits), reference, findings)
 
 
-def _list_models(matrices: tuple[Matrix, ...]) -> list[Model]:
+def _list_models(matrices: tuple[Matrix, ...]) -> list[FitModel]:
     """Return the models that the matrices can distinguish, the smallest first."""
     are_known = all(m.posture.angles is not None for m in matrices)
     gains = {m.gain for m in matrices}
     by_gain = [False, True] if len(gains) > 1 and None not in gains else [False]
     feet = ["known"] if are_known else ["horizontal", "radial"]
-    return [Model(s, g, f) for f in feet for g in by_gain for s in (False, True)]
+    return [FitModel(s, g, f) for f in feet for g in by_gain for s in (False, True)]
 
 
 def _compute_bic(fit: Fit) -> float:
@@ -109,7 +109,7 @@ def _compute_bic(fit: Fit) -> float:
 
 
 def _describe_findings(
-    fits: list[Fit], limb: Limb, matrices: tuple[Matrix, ...], gain: float | None
+    fits: list[Fit], limb: MeasuredLimb, matrices: tuple[Matrix, ...], gain: float | None
 ) -> tuple[str, ...]:
     """Return what the data determine and what not, in sentences."""
     best = fits[0]

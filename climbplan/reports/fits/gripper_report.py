@@ -8,7 +8,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from climbplan.mechanics.gripper import Calibration, Grips
+from climbplan.mechanics.gripper import Calibration, ShearMeasurements
 from climbplan.mechanics.gripper_model import FORMAT, FORMAT_VERSION, GripperModel
 from climbplan.reports import palette
 from climbplan.reports.sheet import (
@@ -25,7 +25,7 @@ _CONFIDENCE = 0.95
 
 
 def build_report(
-    model: GripperModel, calibration: Calibration, grips: Grips, name: str
+    model: GripperModel, calibration: Calibration, grips: ShearMeasurements, name: str
 ) -> dict[str, Any]:
     """Return key figures as JSON-ready values, SI units."""
     return {
@@ -45,7 +45,11 @@ def build_report(
 
 
 def write_report(
-    model: GripperModel, calibration: Calibration, grips: Grips, name: str, directory: Path
+    model: GripperModel,
+    calibration: Calibration,
+    grips: ShearMeasurements,
+    name: str,
+    directory: Path,
 ) -> None:
     """Write gripper.json (plain numbers), report.json and figures/calibration.png."""
     arrays = {
@@ -69,7 +73,7 @@ def write_report(
     (directory / "figures" / "calibration.png").write_bytes(render_png(figure))
 
 
-def draw_calibration(calibration: Calibration, grips: Grips, name: str) -> Figure:
+def draw_calibration(calibration: Calibration, grips: ShearMeasurements, name: str) -> Figure:
     """Return held-out forces against predictions, and how often lower bounds hold."""
     figure = new_figure(4.2, entries=1)
     left, right = figure.subplots(1, 2)

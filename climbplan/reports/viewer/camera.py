@@ -6,13 +6,13 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from climbplan.arrays import Array
-from climbplan.reports.viewer.scene import Scene, Solids, interpolate
+from climbplan.reports.viewer.scene import Solids, ViewerScene, interpolate
 
 _SAMPLES = 400  # of the way that a camera follows
 _LAG = 0.04  # of it, over which the way is smoothed
 
 
-def measure_moving_parts(scene: Scene) -> tuple[Array, float]:
+def measure_moving_parts(scene: ViewerScene) -> tuple[Array, float]:
     """Return the middle of what moves (F, 3), and its largest extent at any time [m]."""
     points = []
     if scene.rods is not None:
@@ -41,7 +41,7 @@ def _compute_corners(solids: Solids) -> Array:
     return corners
 
 
-def compute_camera_path(scene: Scene, middle: Array, time: Array) -> Array:
+def compute_camera_path(scene: ViewerScene, middle: Array, time: Array) -> Array:
     """Return where a camera looks at times (T,) that follows the middle of what moves: (T, 3),
     smooth.
 

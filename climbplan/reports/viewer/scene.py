@@ -15,7 +15,7 @@ from climbplan.arrays import Array, IntArray
 
 
 @dataclass(frozen=True)
-class Shape:
+class StaticMesh:
     """Something that stands still: triangles."""
 
     name: str
@@ -27,7 +27,7 @@ class Shape:
 
 
 @dataclass(frozen=True)
-class Path:
+class StaticLines:
     """Line segments that stand still."""
 
     name: str
@@ -69,7 +69,7 @@ class Solids:
 
 
 @dataclass(frozen=True)
-class Forces:
+class ForceArrows:
     """Forces at points, with friction cones where they press on something."""
 
     point: Array  # (F, K, 3) [m]
@@ -79,7 +79,7 @@ class Forces:
 
 
 @dataclass(frozen=True)
-class Scene:
+class ViewerScene:
     """All that is drawn of a plan."""
 
     title: str
@@ -87,12 +87,12 @@ class Scene:
     time: Array  # (F,) [s], not decreasing; a repeated time is a jump
     caption: tuple[str, ...]  # (F,)
     marks: IntArray  # samples worth stopping at, increasing
-    shapes: tuple[Shape, ...] = ()
-    paths: tuple[Path, ...] = ()
+    shapes: tuple[StaticMesh, ...] = ()
+    paths: tuple[StaticLines, ...] = ()
     rods: Rods | None = None
     boxes: Boxes | None = None
     solids: Solids | None = None
-    forces: Forces | None = None
+    forces: ForceArrows | None = None
     lower: Array = field(default_factory=lambda: -np.ones(3))  # [m] of what is worth seeing
     upper: Array = field(default_factory=lambda: np.ones(3))
     azimuth_deg: float = -63.0  # where it is first seen from, about z from x
@@ -120,7 +120,7 @@ def interpolate(values: Array, moment: tuple[int, int, float]) -> Array:
 
 def build_polygons(
     name: str, corners: list[Array], color: str, opacity: float, note: str = ""
-) -> Shape:
+) -> StaticMesh:
     """Return flat convex polygons (V, 3) as one shape, each a fan of triangles.
 
     Raises ValueError if there is none.
@@ -134,10 +134,10 @@ def build_polygons(
         fans.append(start + fan)
         start += count
     faces = np.concatenate(fans).astype(np.int64)
-    return Shape(name, np.concatenate(corners), faces, color, opacity, note)
+    return StaticMesh(name, np.concatenate(corners), faces, color, opacity, note)
 
 
-def compute_outline(shape: Shape) -> IntArray:
+def compute_outline(shape: StaticMesh) -> IntArray:
     """Return edges (K, 2) of a shape that one of its triangles alone has, or that two meet at an
     angle.
     """
@@ -168,7 +168,7 @@ _CUBE_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6,
 
 def build_block(
     name: str, lower: Array, upper: Array, color: str, opacity: float, yaw: float = 0.0
-) -> Shape:
+) -> StaticMesh:
     """Return a cuboid that stands still, axis-aligned but for a turn by `yaw` [rad] about its
     middle.
     """

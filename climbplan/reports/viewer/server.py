@@ -17,8 +17,8 @@ import viser
 
 from climbplan.errors import UsageError
 from climbplan.reports.viewer.origins import restrict_to_own_origins
-from climbplan.reports.viewer.scene import Scene
-from climbplan.reports.viewer.stage import Stage
+from climbplan.reports.viewer.scene import ViewerScene
+from climbplan.reports.viewer.stage import SceneHandles
 
 _RATE = 30.0  # [1/s] of frames while playing
 _TRIES = 50  # ports
@@ -65,7 +65,7 @@ class Viewer:
         UsageError: the address or all ports cannot be had.
     """
 
-    def __init__(self, scene: Scene, host: str, port: int) -> None:
+    def __init__(self, scene: ViewerScene, host: str, port: int) -> None:
         self._scene = scene
         free = _find_free_port(host, port)
         # The library greets on standard output, which is for results.
@@ -73,7 +73,7 @@ class Viewer:
             self._server = viser.ViserServer(host, free, label=scene.title, verbose=False)
         self.host, self.port = host, self._server.get_port()
         self._lock = threading.Lock()  # switches answer in threads of the server
-        self._stage = Stage(self._server, scene)
+        self._stage = SceneHandles(self._server, scene)
         self._add_controls()
         self._show(float(scene.time[0]))
 

@@ -11,7 +11,14 @@ from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Boxes, Forces, Rods, Scene, Solids, interpolate
+from climbplan.reports.viewer.scene import (
+    Boxes,
+    ForceArrows,
+    Rods,
+    Solids,
+    ViewerScene,
+    interpolate,
+)
 
 _LONGEST_FORCE = 0.2  # share of the scene's size
 _LOAD_COLORS = np.array([[77, 163, 127], [230, 200, 60], [192, 57, 43]], float)  # 0, half, limit
@@ -69,10 +76,10 @@ def _align_z_to(direction: Array) -> Array:
     return unit_quaternion
 
 
-class Stage:
+class SceneHandles:
     """The handles of everything drawn of one scene."""
 
-    def __init__(self, server: viser.ViserServer, scene: Scene) -> None:
+    def __init__(self, server: viser.ViserServer, scene: ViewerScene) -> None:
         self._scene, self._server = scene, server
         self._size = float(np.linalg.norm(scene.upper - scene.lower))
         self.show_loads = False
@@ -202,7 +209,7 @@ class Stage:
             )
             self._solids.append(mesh)
 
-    def _add_forces(self, forces: Forces) -> None:
+    def _add_forces(self, forces: ForceArrows) -> None:
         largest = float(np.linalg.norm(forces.force, axis=-1).max(initial=0.0))
         self._metres_per_newton = _LONGEST_FORCE * self._size / largest if largest > 0 else 0.0
         count = forces.point.shape[1]
@@ -255,7 +262,7 @@ class Stage:
             handle.position, handle.wxyz = solid_position, turn
             handle.color = tuple(int(channel) for channel in color)
 
-    def _draw_forces(self, forces: Forces, moment: tuple[int, int, float]) -> None:
+    def _draw_forces(self, forces: ForceArrows, moment: tuple[int, int, float]) -> None:
         k, scale = moment[0], self._metres_per_newton
         point = interpolate(forces.point, moment)
         acting = np.linalg.norm(forces.force[k], axis=1) > 0

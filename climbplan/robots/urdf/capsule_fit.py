@@ -34,7 +34,7 @@ from climbplan.arrays import Array
 from climbplan.robots.model import MountedCapsules
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.pinocchio_model import LegAtZero
-from climbplan.robots.urdf.shapes import Shape
+from climbplan.robots.urdf.shapes import CollisionShape
 
 LIMB_RADIUS = 0.02  # [m] without collision geometry
 _DECIMALS = 4  # [m] of the ends of a mesh's capsule, so that every machine has the same
@@ -49,7 +49,7 @@ _NUM_FAN_DIRECTIONS = 60  # across a mesh, in which its width is measured
 _SORT_DECIMALS = 9  # [m] to which sides are compared, so that every machine sorts them alike
 
 
-def fit_strip_capsules(shape: Shape) -> list[tuple[Array, float]]:
+def fit_strip_capsules(shape: CollisionShape) -> list[tuple[Array, float]]:
     """Return capsules whose union contains one piece: ends (2, 3) of each axis, and radius [m].
 
     A flat box or cylinder is cut across its width into strips, each with a capsule of its own.
@@ -70,7 +70,9 @@ def fit_strip_capsules(shape: Shape) -> list[tuple[Array, float]]:
     ]
 
 
-def fit_end_capsules(shape: Shape, toe: Array, foot_radius: float) -> list[tuple[Array, float]]:
+def fit_end_capsules(
+    shape: CollisionShape, toe: Array, foot_radius: float
+) -> list[tuple[Array, float]]:
     """Return capsules whose union contains one piece of the link that ends in a spherical foot.
 
     A piece that leaves the sphere of the foot by at most `_FOOT_TOLERANCE` is replaced by that
@@ -125,7 +127,7 @@ def _cut_sections(packed: bytes, toe: tuple[float, ...]) -> tuple[Array, ...]:
     return tuple(_cut_slab(corners, edges, *bounds) @ sides for bounds in pairwise(cuts))
 
 
-def fit_capsule(shape: Shape) -> tuple[Array, float]:
+def fit_capsule(shape: CollisionShape) -> tuple[Array, float]:
     """Return the capsule around one piece of geometry: ends (2, 3) of its axis and radius [m]."""
     if len(shape.points) <= 2:  # a sphere or a capsule
         return shape.points[[0, -1]], shape.radius
@@ -134,7 +136,7 @@ def fit_capsule(shape: Shape) -> tuple[Array, float]:
     return _fit_box_capsule(*shape.axis)
 
 
-def _compute_sides(shape: Shape) -> Array:
+def _compute_sides(shape: CollisionShape) -> Array:
     """Return unit vectors (3, 3) along a box or a cylinder as rows, along its longest side first.
 
     Across a cylinder, one goes through the first corner of its rim, one at right angles to that.
@@ -169,7 +171,7 @@ def _cut_slab(points: Array, edges: Array, lower: float, upper: float) -> Array:
 
 
 def _compute_box(points: Array, sides: Array) -> tuple[Array, Array, float]:
-    """Return the bounding box of points (P, 3) along sides (3, 3), as `Shape.axis` describes it."""
+    """Return the bounding box of points (P, 3) along sides (3, 3), as a `CollisionShape.axis`."""
     lower, upper = points.min(axis=0), points.max(axis=0)
     half = (upper - lower) / 2
     longest = int(np.argmax(half))
@@ -178,7 +180,7 @@ def _compute_box(points: Array, sides: Array) -> tuple[Array, Array, float]:
 
 
 def _fit_box_capsule(middle: Array, half: Array, square: float) -> tuple[Array, float]:
-    """Return the capsule of least volume round a box or a cylinder, given as by `Shape.axis`."""
+    """Return the capsule of least volume round a box or cylinder, a `CollisionShape.axis`."""
     a = float(np.linalg.norm(half))
     u = a
     if 3 * a * a > square:
@@ -190,7 +192,7 @@ def _fit_box_capsule(middle: Array, half: Array, square: float) -> tuple[Array, 
 def fit_leg_capsules(
     chain: SerialChain,
     legs: list[LegAtZero],
-    shapes: list[Shape],
+    shapes: list[CollisionShape],
     centre: Array,
     *,
     stated: dict[str, float],

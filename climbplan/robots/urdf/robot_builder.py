@@ -29,7 +29,7 @@ from climbplan.robots.urdf.flat_feet import build_sole_capsules, build_soles, mo
 from climbplan.robots.urdf.link_masses import compute_link_masses
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, build_urdf_model
 from climbplan.robots.urdf.shapes import (
-    Shape,
+    CollisionShape,
     build_body_parts,
     compute_body_box,
     read_collision_shapes,
@@ -182,7 +182,7 @@ def _select_level_turns(foot: Foot | None) -> Array | None:
     return None if foot is None or foot.sole is None else foot.sole.level_turns
 
 
-def _read_shapes(urdf_model: UrdfModel, legs: list[LegAtZero], toes: Array) -> list[Shape]:
+def _read_shapes(urdf_model: UrdfModel, legs: list[LegAtZero], toes: Array) -> list[CollisionShape]:
     """Return collision geometry where it is needed; raises SpecError for toes deep inside of it.
 
     toes: (N, 3) from the base link [m].
@@ -200,7 +200,7 @@ def _fit_capsules(
     robot: UrdfRobot,
     chain: SerialChain,
     legs: list[LegAtZero],
-    shapes: list[Shape],
+    shapes: list[CollisionShape],
     centre: Array,
     foot: Foot | None,
 ) -> MountedCapsules | None:

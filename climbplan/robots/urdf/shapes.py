@@ -17,7 +17,7 @@ _NUM_RIM_POINTS = 16  # of a cylinder
 
 
 @dataclass(frozen=True)
-class Shape:
+class CollisionShape:
     """One piece of collision geometry: what lies within `radius` of the hull of `points`."""
 
     joint: str  # that carries it, "" for the body
@@ -34,7 +34,7 @@ class Shape:
         return self.axis is not None and len(self.points) == 2 * _NUM_RIM_POINTS
 
 
-def read_collision_shapes(urdf_model: UrdfModel) -> list[Shape]:
+def read_collision_shapes(urdf_model: UrdfModel) -> list[CollisionShape]:
     """Read all collision geometry of a URDF.
 
     Raises:
@@ -66,7 +66,7 @@ def read_collision_shapes(urdf_model: UrdfModel) -> list[Shape]:
             middle = to_base(np.zeros(3))
             axis = middle, to_base(long_axis[0]) - middle, long_axis[1]
         body = str(model.names[item.parentJoint])
-        shapes.append(Shape(name, to_base(points), radius, axis, body))
+        shapes.append(CollisionShape(name, to_base(points), radius, axis, body))
     return shapes
 
 
@@ -83,7 +83,7 @@ def find_carrying_joint(model: Any, joint: int, leg_joints: set[str]) -> str:
     return str(model.names[joint]) if joint > 1 else ""
 
 
-def build_body_parts(shapes: list[Shape]) -> list[Array]:
+def build_body_parts(shapes: list[CollisionShape]) -> list[Array]:
     """Return corners (V, 3) of convex parts of the body [m].
 
     Meshes and round shapes are replaced by their bounding boxes, thin parts left out.
@@ -103,7 +103,7 @@ def build_body_parts(shapes: list[Shape]) -> list[Array]:
     ]
 
 
-def compute_body_box(shapes: list[Shape]) -> tuple[Array, Array] | None:
+def compute_body_box(shapes: list[CollisionShape]) -> tuple[Array, Array] | None:
     """Return the lower and upper corner of the body's shapes [m], None without any."""
     body_shapes = [s for s in shapes if not s.joint]
     if not body_shapes:

@@ -14,7 +14,7 @@ from scipy.spatial import ConvexHull, QhullError
 
 from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
-from climbplan.robots.urdf.shapes import Shape
+from climbplan.robots.urdf.shapes import CollisionShape
 from climbplan.schema.document import Finding
 
 TOLERANCE = 1e-3  # [m] between a toe and the surface of its collision geometry
@@ -22,7 +22,7 @@ _OUTSIDE = -np.inf
 
 
 def find_buried_toes(
-    urdf_model: UrdfModel, legs: Sequence[LegAtZero], toes: Array, shapes: list[Shape]
+    urdf_model: UrdfModel, legs: Sequence[LegAtZero], toes: Array, shapes: list[CollisionShape]
 ) -> list[Finding]:
     """Return a finding for every toe deeper in its collision geometry than its foot is thick.
 
@@ -57,8 +57,8 @@ def find_buried_toes(
 
 
 def select_shapes_at_toe(
-    urdf_model: UrdfModel, leg: LegAtZero, link: str, shapes: Sequence[Shape]
-) -> list[Shape]:
+    urdf_model: UrdfModel, leg: LegAtZero, link: str, shapes: Sequence[CollisionShape]
+) -> list[CollisionShape]:
     """Return the collision geometry of a leg's last body, up to the link that its toe is on.
 
     Links beyond a locked joint, such as a folded hand, count only where the toe is on them.
@@ -72,7 +72,7 @@ def select_shapes_at_toe(
     return [shape for shape in shapes if shape.joint == leg.names[-1] and shape.body in bodies]
 
 
-def evaluate_support(shape: Shape, directions: Array) -> Array:
+def evaluate_support(shape: CollisionShape, directions: Array) -> Array:
     """Return how far a shape reaches along unit directions (D, 3), as (D,) [m]."""
     if shape.axis is not None and shape.is_cylinder:
         middle, half, square = shape.axis
@@ -83,7 +83,7 @@ def evaluate_support(shape: Shape, directions: Array) -> Array:
     return np.asarray((directions @ shape.points.T).max(axis=1) + shape.radius)
 
 
-def compute_depth(shapes: Sequence[Shape], point: Array) -> float:
+def compute_depth(shapes: Sequence[CollisionShape], point: Array) -> float:
     """Return how deep a point (3,) lies in the deepest shape [m]; negative outside of all.
 
     Meshes are their convex hulls. Outside of a hull the magnitude is a lower bound of the distance.
@@ -91,7 +91,9 @@ def compute_depth(shapes: Sequence[Shape], point: Array) -> float:
     return max((_compute_shape_depth(shape, point) for shape in shapes), default=_OUTSIDE)
 
 
-def compute_exit_distance(shapes: Sequence[Shape], start: Array, direction: Array) -> float:
+def compute_exit_distance(
+    shapes: Sequence[CollisionShape], start: Array, direction: Array
+) -> float:
     """Return how far from `start` (3,) a ray leaves the last shape that it meets [m].
 
     direction: (3,) unit. Zero where it meets none ahead.
@@ -99,7 +101,7 @@ def compute_exit_distance(shapes: Sequence[Shape], start: Array, direction: Arra
     return max((_compute_shape_exit(shape, start, direction) for shape in shapes), default=0.0)
 
 
-def find_nearest_point(shape: Shape, point: Array) -> Array:
+def find_nearest_point(shape: CollisionShape, point: Array) -> Array:
     """Return the point (3,) of a shape's surface nearest to a point (3,) outside of it."""
     # Least squares over convex combinations of the points, whose sum a heavy row makes one
     heavy = 1e3 * max(float(np.abs(shape.points - point).max()), 1e-3)
@@ -136,7 +138,7 @@ def _compute_leg_direction(leg: LegAtZero, toe: Array) -> Array:
     return np.asarray(direction / length) if length > 0 else np.array([0.0, 0.0, -1.0])
 
 
-def _describe_links(urdf_model: UrdfModel, shapes: Sequence[Shape]) -> str:
+def _describe_links(urdf_model: UrdfModel, shapes: Sequence[CollisionShape]) -> str:
     """Return links with collision geometry among those that move with shapes, with their lines."""
     bodies, tree = {shape.body for shape in shapes}, urdf_model.robot.tree
     joint_by_child, names = tree.by_child, []
@@ -149,7 +151,7 @@ def _describe_links(urdf_model: UrdfModel, shapes: Sequence[Shape]) -> str:
     return "; ".join(names[:2]) or "of the last joint"
 
 
-def _compute_shape_depth(shape: Shape, point: Array) -> float:
+def _compute_shape_depth(shape: CollisionShape, point: Array) -> float:
     """Return how deep a point (3,) lies in one shape [m]; negative outside."""
     if len(shape.points) <= 2:  # a sphere or a capsule
         first, last = shape.points[[0, -1]]
@@ -169,7 +171,7 @@ def _compute_shape_depth(shape: Shape, point: Array) -> float:
     return float(-(faces[:, :3] @ point + faces[:, 3]).max())
 
 
-def _compute_shape_exit(shape: Shape, start: Array, direction: Array) -> float:
+def _compute_shape_exit(shape: CollisionShape, start: Array, direction: Array) -> float:
     """Return the distance at which a ray leaves one shape [m]; 0 if it does not meet it."""
     if len(shape.points) <= 2:
         # The last of the spheres at its ends and of the tube between them
@@ -225,7 +227,7 @@ def _compute_sphere_exit(centre: Array, radius: float, start: Array, direction: 
     return along + float(np.sqrt(discriminant)) if discriminant >= 0 else 0.0
 
 
-def _compute_faces(shape: Shape) -> Array | None:
+def _compute_faces(shape: CollisionShape) -> Array | None:
     """Return outward normals and offsets (F, 4) of a shape's hull; None without volume."""
     try:
         return np.asarray(ConvexHull(shape.points).equations)

@@ -16,7 +16,7 @@ MIN_EFFORT = 0.02  # of motor limits or weight, below which a relative error say
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RecordingErrors:
     """Errors of a recording, S samples; relative ones NaN where contacts change."""
 
     distance: Array  # (S,) of the base from its plan [m]
@@ -27,7 +27,7 @@ class Comparison:
     at_limit: float  # share of samples in which some motor brings its limit
 
 
-def compare(recording: Recording, motion: ExportedMotion, weight: float) -> Comparison:
+def compare(recording: Recording, motion: ExportedMotion, weight: float) -> RecordingErrors:
     """Compare a recording with its plan.
 
     weight: of the robot [N].
@@ -41,7 +41,7 @@ def compare(recording: Recording, motion: ExportedMotion, weight: float) -> Comp
     force_size = np.linalg.norm(force, axis=(1, 2))
     samples, worst = np.arange(len(times)), np.argmax(np.abs(planned), axis=1)
     is_settled = _mark_settled(motion, times)
-    return Comparison(
+    return RecordingErrors(
         distance=np.linalg.norm(recording.departure, axis=1),
         angle=np.array(recording.turned),
         torque_error=_compute_relative(

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.simulation.drake.comparison import Comparison
+from climbplan.simulation.drake.comparison import RecordingErrors
 from climbplan.simulation.drake.contacts import ContactLog
 from climbplan.simulation.drake.exported import ExportedMotion
 from climbplan.simulation.drake.planned_penetration import PlannedPenetration
@@ -23,7 +23,7 @@ MAX_GRAVITY_DIFFERENCE = 1e-3  # of torque limits, from which it is told
 
 
 @dataclass(frozen=True)
-class Run:
+class ReportedRun:
     """Everything about one run that a report is made of."""
 
     motion: ExportedMotion
@@ -31,7 +31,7 @@ class Run:
     settings: Settings
     recording: Recording
     contacts: ContactLog
-    comparison: Comparison
+    comparison: RecordingErrors
     penetrations: tuple[PlannedPenetration, ...]
     gravity_difference: float  # of exported gravity torques, in torque limits
     ignored_pairs: tuple[str, ...]  # links that overlap at the start
@@ -40,7 +40,7 @@ class Run:
     version: str  # of Drake
 
 
-def build_report(run: Run) -> dict[str, Any]:
+def build_report(run: ReportedRun) -> dict[str, Any]:
     """Return the run as plain values for JSON; lengths in mm, angles in degrees, forces in N."""
     recording, compared = run.recording, run.comparison
     worst = int(np.argmax(compared.distance))
@@ -170,7 +170,7 @@ def format_lines(report: Mapping[str, Any]) -> list[str]:
     return out
 
 
-def format_table(run: Run) -> str:
+def format_table(run: ReportedRun) -> str:
     """Return a CSV, one row a recorded sample."""
     stream = io.StringIO()
     writer = csv.writer(stream, lineterminator="\n")

@@ -24,7 +24,7 @@ from climbplan.simulation.drake.exported import ExportedMotion, read_motion
 from climbplan.simulation.drake.planned_penetration import find_planned_penetrations
 from climbplan.simulation.drake.plant import Plant, build_plant, import_pydrake
 from climbplan.simulation.drake.playing import play
-from climbplan.simulation.drake.report import Run
+from climbplan.simulation.drake.report import ReportedRun
 from climbplan.simulation.drake.robot_document import write_robot_document
 from climbplan.simulation.drake.settings import Settings
 from climbplan.simulation.drake.terrain import read_terrain
@@ -89,7 +89,7 @@ def simulate_exported(
     settings: Settings,
     urdf: Path | None,
     progress: Callable[[float], None],
-) -> Run:
+) -> ReportedRun:
     """Play the exported files of a directory in Drake.
 
     Args:
@@ -123,7 +123,7 @@ def simulate_exported(
         weights = compute_gravity_difference(plant, root, motion)
         recording, contacts = play(plant, root, motion, controller, settings, progress)
     compared = compare(recording, motion, stored.mass * stored.gravity)
-    return Run(
+    return ReportedRun(
         motion,
         plant,
         settings,

@@ -35,7 +35,7 @@ _FLAT = 1e-9  # relative slope of an unbounded direction that counts as zero
 
 
 @dataclass(frozen=True)
-class Cut:
+class BendersCut:
     """Multipliers of one subproblem."""
 
     key: IntArray  # rows by `KeySpace`: bounds of variables, plain and indicator rows
@@ -43,12 +43,12 @@ class Cut:
     star: Array  # (size,) the subproblem's solution, including its integers
     feasible: bool  # False for a ray of an infeasible subproblem
 
-    def shift(self, space: KeySpace, shift: HorizonShift) -> Cut:
+    def shift(self, space: KeySpace, shift: HorizonShift) -> BendersCut:
         """Return the cut for a shifted horizon."""
         key = space.remap(self.key, shift.variable, shift.row, shift.condition)
         star, remains = self.star.copy(), shift.variable >= 0
         star[shift.variable[remains]] = self.star[remains]
-        return Cut(key[key >= 0], self.y[key >= 0], star, self.feasible)
+        return BendersCut(key[key >= 0], self.y[key >= 0], star, self.feasible)
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ class CutEvaluator:
         entity_of[program.entities] = np.arange(len(program.entities))
         self._entity_of, self._indicator_entity = entity_of, entity_of[form.indicator]
 
-    def evaluate(self, cuts: list[Cut]) -> CutPlanes:
+    def evaluate(self, cuts: list[BendersCut]) -> CutPlanes:
         """Evaluate cuts as half-spaces over the integers."""
         E, K = len(self.program.entities), len(cuts)
         star = np.array([c.star[self.program.entities] > 0.5 for c in cuts], bool).reshape(K, E)

@@ -19,7 +19,7 @@ from scipy import sparse
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.solvers.benders.benders_cuts import Cut, CutEvaluator, CutPlanes
+from climbplan.solvers.benders.benders_cuts import BendersCut, CutEvaluator, CutPlanes
 from climbplan.solvers.benders.master import Master
 from climbplan.solvers.benders.subproblem import Subproblem
 from climbplan.solvers.highs.model import build_linear_model, create_highs, run_highs
@@ -42,7 +42,7 @@ _MIN_RAY_ENTRY = 1e-12  # entries of a ray below this fraction of the largest ar
 
 def compute_farkas_cut(
     form: IndicatorForm, evaluator: CutEvaluator, integers: IntArray, x: Array
-) -> Cut | None:
+) -> BendersCut | None:
     """Return a cut that excludes integers (E,), or None.
 
     HiGHS computes the ray for subproblems that the tree's solver gives up. The cut is evaluated
@@ -79,7 +79,9 @@ def compute_farkas_cut(
         multipliers = np.concatenate([-(A.T @ y), y])  # bounds take what rows pull at each variable
         key = np.concatenate([np.arange(form.size), form.size + rows])
         keep = np.abs(multipliers) > _MIN_RAY_ENTRY * np.abs(multipliers).max(initial=0.0)
-        cut = Cut(key[keep], multipliers[keep] / np.abs(multipliers).max(initial=1e-300), x, False)
+        cut = BendersCut(
+            key[keep], multipliers[keep] / np.abs(multipliers).max(initial=1e-300), x, False
+        )
         plane = evaluator.evaluate([cut])
         deviation = np.where((integers > 0) == plane.star[0], 0.0, plane.slope[0]).sum()
         if plane.bound[0] - deviation > 0.0:
@@ -116,7 +118,7 @@ def solve_benders(
 
 
 @dataclass
-class _State:
+class _BendersState:
     """State of the search for one problem."""
 
     incumbent: Array | None = None  # (size,) in the variables of the indicator form
@@ -142,7 +144,7 @@ class WarmStartedBenders:
     gap: float = 1e-4
     tolerance: float = FEASIBILITY
     work: int = UNLIMITED  # limit of dual steps for one problem
-    cuts: list[Cut] = field(default_factory=list)
+    cuts: list[BendersCut] = field(default_factory=list)
     _best: Array | None = None  # (size,) last answer
 
     @property
@@ -182,7 +184,7 @@ class WarmStartedBenders:
         evaluator = CutEvaluator(form, program)
         if move is not None:
             self._shift_horizon(evaluator, move(form))
-        num_stored_cuts, state = len(self.cuts), _State()
+        num_stored_cuts, state = len(self.cuts), _BendersState()
         subproblem = Subproblem(program, self.tolerance)
         self._alternate(instance, form, evaluator, subproblem, state, deadline)
         if state.unsolved:
@@ -221,7 +223,7 @@ class WarmStartedBenders:
         form: IndicatorForm,
         evaluator: CutEvaluator,
         subproblem: Subproblem,
-        state: _State,
+        state: _BendersState,
         deadline: float,
     ) -> None:
         """Alternate master and subproblem until bound and cost meet."""
@@ -275,7 +277,7 @@ class WarmStartedBenders:
         form: IndicatorForm,
         evaluator: CutEvaluator,
         subproblem: Subproblem,
-        state: _State,
+        state: _BendersState,
         integers: IntArray,
     ) -> bool:
         """Solve the subproblem of some integers; store its cut, and its solution if it is the best.
@@ -302,7 +304,7 @@ class WarmStartedBenders:
 
 
 def _build_log(
-    program: MixedIntegerProgram, num_stored_cuts: int, subproblem: Subproblem, state: _State
+    program: MixedIntegerProgram, num_stored_cuts: int, subproblem: Subproblem, state: _BendersState
 ) -> tuple[str, ...]:
     """Return the lines about sizes and effort."""
     integers, size = len(program.entities), program.size

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.solvers.benders.benders_cuts import Cut
+from climbplan.solvers.benders.benders_cuts import BendersCut
 from climbplan.solvers.mixed_integer import nodes as slots
 from climbplan.solvers.mixed_integer.problem_data import MixedIntegerProgram
 from climbplan.solvers.mixed_integer.search import resolve_leaf, round_relaxation
@@ -37,7 +37,7 @@ class Subproblem:
         round_relaxation(n, search, n.root_low, n.root_high, integers)
         return bound, integers
 
-    def solve(self, integers: IntArray) -> tuple[Array | None, Cut | None]:
+    def solve(self, integers: IntArray) -> tuple[Array | None, BendersCut | None]:
         """Solve the subproblem of one set of integers.
 
         Where rounding errors stop the solver, x violates rows, and the cut is what was proved until
@@ -81,7 +81,7 @@ class Subproblem:
 
     def _build_cut(
         self, row: IntArray, side: Array, multiplier: Array, x: Array, feasible: bool
-    ) -> Cut:
+    ) -> BendersCut:
         """Build a cut from multipliers, which are scaled to at most 1 for a ray."""
         program = self._run.program
         y = side * multiplier / program.data.norm[row]
@@ -89,4 +89,4 @@ class Subproblem:
         y, key = y[keep], program.row_key[row[keep]]
         if not feasible:
             y = y / np.abs(y).max(initial=1e-300)
-        return Cut(key, y, x, feasible)
+        return BendersCut(key, y, x, feasible)

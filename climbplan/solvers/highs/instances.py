@@ -48,7 +48,7 @@ _INNER_GAP = 0.5  # fraction of the gap that the linear programs may leave
 
 
 @dataclass(frozen=True)
-class _LinearAnswer:
+class _HighsAnswer:
     """One answer of HiGHS."""
 
     x: Array | None
@@ -138,7 +138,7 @@ def _build_model(instance: Instance) -> Any:
     return build_quadratic_model(lp, instance.P) if instance.P.count_nonzero() else lp
 
 
-def _run_solver(solver: Any, mixed: bool, time_left: float = np.inf) -> _LinearAnswer:
+def _run_solver(solver: Any, mixed: bool, time_left: float = np.inf) -> _HighsAnswer:
     """Run HiGHS on its model; its status counts only with a clean return code.
 
     `left` is the time [s] after which a mixed-integer search is abandoned.
@@ -146,11 +146,11 @@ def _run_solver(solver: Any, mixed: bool, time_left: float = np.inf) -> _LinearA
     try:
         code = run_highs(solver, deadline=time.monotonic() + time_left if mixed else np.inf)
     except SolverAbandoned as behind:
-        return _LinearAnswer(behind.x, None, behind.bound, False, 0, f"HiGHS: {behind}", True)
+        return _HighsAnswer(behind.x, None, behind.bound, False, 0, f"HiGHS: {behind}", True)
     status = solver.getModelStatus()
     note = f"HiGHS {solver.version()}: {solver.modelStatusToString(status)}"
     if code == highspy.HighsStatus.kError:
-        return _LinearAnswer(None, None, -np.inf, False, 0, f"{note} (refused)")
+        return _HighsAnswer(None, None, -np.inf, False, 0, f"{note} (refused)")
     if status == _UNBOUNDED_OR_INFEASIBLE:
         solver.setOptionValue("presolve", "off")
         run_highs(solver)
@@ -165,7 +165,7 @@ def _run_solver(solver: Any, mixed: bool, time_left: float = np.inf) -> _LinearA
         bound = float(info.objective_function_value)
     nodes = int(max(info.mip_node_count, 0)) if mixed else int(info.simplex_iteration_count)
     infeasible = status == _INFEASIBLE
-    return _LinearAnswer(x, dual, np.inf if infeasible else bound, infeasible, nodes, note)
+    return _HighsAnswer(x, dual, np.inf if infeasible else bound, infeasible, nodes, note)
 
 
 def _solve_continuous(instance: Instance, begin: float, time_limit: float) -> Answer:

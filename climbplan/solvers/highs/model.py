@@ -55,7 +55,7 @@ class SolverAbandoned(LimitReached):
 
 
 @dataclass
-class _Incumbent:
+class _ReportedIncumbent:
     """The last incumbent that a mixed-integer search has reported."""
 
     x: Array | None = None
@@ -114,7 +114,7 @@ def run_highs(
         (solver.cbSimplexInterrupt, stop_if_requested),
         (solver.cbIpmInterrupt, stop_if_requested),
     ]
-    incumbent = _Incumbent()
+    incumbent = _ReportedIncumbent()
     if np.isfinite(deadline):
         subscriptions.append((solver.cbMipImprovingSolution, incumbent.update))
     for callback_event, callback in subscriptions:

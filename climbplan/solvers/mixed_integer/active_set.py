@@ -16,8 +16,8 @@ from climbplan.arrays import Array
 from climbplan.solvers.mixed_integer.compiling import compiled
 from climbplan.solvers.mixed_integer.working_set import (
     _SINGULAR,
-    Rows,
     WorkingSet,
+    WorkingSetRows,
     _append_row,
     _compute_dual_value,
     _compute_pivot,
@@ -52,7 +52,7 @@ def _store_ray(w: WorkingSet, row: int, side: float, a: Array) -> None:
 
 
 @compiled
-def _compute_ray_slope(rows: Rows, w: WorkingSet) -> float:
+def _compute_ray_slope(rows: WorkingSetRows, w: WorkingSet) -> float:
     """Return the growth of the dual value for each step along the ray."""
     slope = 0.0
     for i in range(w.ray_count[0]):
@@ -61,7 +61,9 @@ def _compute_ray_slope(rows: Rows, w: WorkingSet) -> float:
 
 
 @compiled
-def _find_most_violated(rows: Rows, w: WorkingSet, tolerance_factor: float) -> tuple[int, float]:
+def _find_most_violated(
+    rows: WorkingSetRows, w: WorkingSet, tolerance_factor: float
+) -> tuple[int, float]:
     """Return the most violated row, -1 if there is none, and its side."""
     worst, chosen, side = 0.0, -1, 1.0
     for i in range(rows.num_used[0]):
@@ -78,7 +80,7 @@ def _find_most_violated(rows: Rows, w: WorkingSet, tolerance_factor: float) -> t
 
 
 @compiled
-def _solve_least_distance(rows: Rows, w: WorkingSet, cutoff: float, limit: int) -> int:
+def _solve_least_distance(rows: WorkingSetRows, w: WorkingSet, cutoff: float, limit: int) -> int:
     """Re-solve from the working set of a program that has the same rows with other bounds.
 
     Returns:
@@ -204,6 +206,6 @@ def _solve_least_distance(rows: Rows, w: WorkingSet, cutoff: float, limit: int) 
 
 
 @compiled
-def solve_least_distance(rows: Rows, w: WorkingSet, cutoff: float, limit: int) -> int:
+def solve_least_distance(rows: WorkingSetRows, w: WorkingSet, cutoff: float, limit: int) -> int:
     """Solve one program from its working set; return SOLVED, EMPTY, CUT_OFF or STUCK."""
     return _solve_least_distance(rows, w, cutoff, limit)

@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.certificates.box import Box, tighten_box
+from climbplan.certificates.box import CertificateBox, tighten_box
 from climbplan.certificates.certificate import Certificate
-from climbplan.certificates.rows import StatedRows, append_envelopes
+from climbplan.certificates.rows import CertificateRows, append_envelopes
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.leaf_multipliers import compute_leaf_multipliers
 from climbplan.solvers.mixed_integer.leaf_proofs import CertificateWriter, LeafProof, LeafProofs
@@ -36,10 +36,10 @@ LocalSearch = Callable[[Array, IntArray], float]
 
 
 @dataclass
-class _Node:
+class _ReduceNode:
     """A node, with what its parent proves of it until it is processed."""
 
-    box: Box | None
+    box: CertificateBox | None
     proof: LeafProof
     split: int = -1
     split_value: float = 0.0
@@ -73,7 +73,7 @@ class BranchAndReduce:
         self._proofs = LeafProofs(instance)
         self._rows, root = self._proofs.checker.rows, self._proofs.checker.root
         start = LeafProof(-np.inf, self._proofs.zero_multipliers(root))
-        self._nodes = [_Node(root, start)]
+        self._nodes = [_ReduceNode(root, start)]
         self._heap: list[tuple[float, int]] = [(-np.inf, 0)]
         self._width = np.maximum(root.upper - root.lower, 1e-300)
         max_coefficient = abs(self._rows.G[:, self._rows.w]).max(axis=0)
@@ -110,7 +110,7 @@ class BranchAndReduce:
         gap = (1.0 - _SAFE) * self._gap
         return self._best - gap * max(abs(self._best), MIN_OBJECTIVE_SCALE)
 
-    def _process(self, node: _Node) -> None:
+    def _process(self, node: _ReduceNode) -> None:
         """Tighten a node's bounds, then close or split it."""
         assert node.box is not None
         self.num_nodes += 1
@@ -122,7 +122,7 @@ class BranchAndReduce:
             return
         self.closed_bound = min(self.closed_bound, node.proof.bound)
 
-    def _bound_and_split(self, node: _Node, box: Box) -> bool:
+    def _bound_and_split(self, node: _ReduceNode, box: CertificateBox) -> bool:
         """Solve a node's relaxation, and split the node unless its bound closes it."""
         rows = append_envelopes(self._rows, box.lower, box.upper)
         relaxation = compute_leaf_multipliers(self._instance, rows, box, empty=False)
@@ -155,7 +155,7 @@ class BranchAndReduce:
             z += len(choice.alternatives)
         return v[: self._instance.size], np.array(chosen, np.int64)
 
-    def _branch(self, node: _Node, box: Box, v: Array) -> bool:
+    def _branch(self, node: _ReduceNode, box: CertificateBox, v: Array) -> bool:
         """Split at the integer or factor that matters most; False if every range is too thin."""
         j, value = _select_split(self._rows, box, v, self._weight, self._width)
         if j < 0:
@@ -164,7 +164,7 @@ class BranchAndReduce:
         node.below, node.above = len(self._nodes), len(self._nodes) + 1
         for side in box.bisect(self._rows, j, value):
             heapq.heappush(self._heap, (node.proof.bound, len(self._nodes)))
-            self._nodes.append(_Node(side, node.proof))
+            self._nodes.append(_ReduceNode(side, node.proof))
         return True
 
     def build_certificate(self) -> Certificate:
@@ -181,7 +181,7 @@ class BranchAndReduce:
 
 
 def _select_split(
-    rows: StatedRows, box: Box, v: Array, weight: Array, root_width: Array
+    rows: CertificateRows, box: CertificateBox, v: Array, weight: Array, root_width: Array
 ) -> tuple[int, float]:
     """Select variable and value of a split: an open integer first, then a factor; -1 for none.
 

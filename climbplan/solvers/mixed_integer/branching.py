@@ -28,8 +28,8 @@ from climbplan.solvers.mixed_integer.nodes import (
     NUM_OPEN,
     NUM_PROBES,
     UNLIMITED,
+    NodeTree,
     SearchState,
-    Tree,
     _close_node,
     _compute_cutoff,
     _compute_dual_cutoff,
@@ -198,7 +198,7 @@ def _estimate_gain(n: ProblemData, s: SearchState, e: int, up: int, average: flo
 
 @compiled
 def _strong_branch(
-    n: ProblemData, s: SearchState, tree: Tree, node: int, e: int, up: int, split: int
+    n: ProblemData, s: SearchState, tree: NodeTree, node: int, e: int, up: int, split: int
 ) -> tuple[float, bool]:
     """Probe a child and update its pseudo-cost; return its bound and whether it was closed."""
     parent = tree.bound[node]
@@ -227,7 +227,7 @@ def _select_best_score(s: SearchState) -> int:
 
 
 @compiled
-def _branch_node(n: ProblemData, s: SearchState, tree: Tree, node: int) -> int:
+def _branch_node(n: ProblemData, s: SearchState, tree: NodeTree, node: int) -> int:
     """Split a node; return the child with which the dive continues, or -1."""
     E = len(n.value_row)
     parent = tree.bound[node]

@@ -13,9 +13,9 @@ from collections.abc import Iterator
 import numpy as np
 
 from climbplan.arrays import IntArray
-from climbplan.certificates.box import Box, tighten_box
+from climbplan.certificates.box import CertificateBox, tighten_box
 from climbplan.certificates.certificate import Certificate
-from climbplan.certificates.rows import StatedRows, append_envelopes
+from climbplan.certificates.rows import CertificateRows, append_envelopes
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer import nodes as slots
 from climbplan.solvers.mixed_integer.leaf_boxes import LeafBoxes, Subdomain
@@ -101,7 +101,7 @@ class _Prover:
         if tree is not None:
             numbers = tree.program.data
             root = Subdomain(numbers.root_low, numbers.root_high, np.arange(len(self._nodes)))
-        stack: list[tuple[Box, Subdomain | None, int]] = [(self._checker.root, root, -1)]
+        stack: list[tuple[CertificateBox, Subdomain | None, int]] = [(self._checker.root, root, -1)]
         while stack:
             box, subdomain, leaf = stack.pop()
             box = tighten_box(self._checker.rows, box)
@@ -138,7 +138,7 @@ class _Prover:
         split_value = spatial.left[entity] + spatial.cell_width[entity] * (cell + 1)
         return int(self._variable_of_entity[entity]), float(split_value)
 
-    def _prove_leaf(self, box: Box, leaf: int) -> LeafProof:
+    def _prove_leaf(self, box: CertificateBox, leaf: int) -> LeafProof:
         """Return the best proof of a leaf with tightened bounds, tried until one suffices."""
         if box.empty:
             return LeafProof(np.inf, self._proofs.zero_multipliers(self._checker.root))
@@ -151,7 +151,9 @@ class _Prover:
                 break
         return best
 
-    def _generate_multipliers(self, rows: StatedRows, box: Box, leaf: int) -> Iterator[Multipliers]:
+    def _generate_multipliers(
+        self, rows: CertificateRows, box: CertificateBox, leaf: int
+    ) -> Iterator[Multipliers]:
         """Yield multipliers of a leaf from the cheapest to the most expensive."""
         tree = self._tree
         if tree is None or not len(
@@ -176,7 +178,7 @@ class _Prover:
             if relaxation is not None:
                 yield relaxation.multipliers
 
-    def _map_stored(self, node: int, rows: StatedRows, box: Box) -> Multipliers:
+    def _map_stored(self, node: int, rows: CertificateRows, box: CertificateBox) -> Multipliers:
         """Return the multipliers that the search has stored of a leaf."""
         assert self._tree is not None
         if (
@@ -185,7 +187,7 @@ class _Prover:
             self._multiplier_map = MultiplierMap(self._instance, self._checker.rows, self._tree)
         return self._multiplier_map.map_leaf(node, rows, box)
 
-    def _select_extra_split(self, box: Box) -> tuple[int, float]:
+    def _select_extra_split(self, box: CertificateBox) -> tuple[int, float]:
         """Select a split of a leaf that proves too little; -1 where nothing can be split."""
         rows = self._checker.rows
         if (
@@ -211,7 +213,7 @@ class _Prover:
         return j, float(0.5 * (box.lower[j] + box.upper[j]))
 
 
-def _locate_entities(instance: Instance, rows: StatedRows, tree: SearchedTree) -> IntArray:
+def _locate_entities(instance: Instance, rows: CertificateRows, tree: SearchedTree) -> IntArray:
     """Return the index in v of each entity of a search."""
     place_in_v = np.zeros(tree.form.size, np.int64)
     n = instance.size

@@ -17,7 +17,7 @@ class Subdomain(NamedTuple):
     among: IntArray
 
 
-class Split(NamedTuple):
+class SubdomainSplit(NamedTuple):
     """A subdomain split in two; `value` is the last one of the lower side."""
 
     entity: int
@@ -45,7 +45,7 @@ class LeafBoxes(NamedTuple):
         inside = np.flatnonzero(((low <= subdomain.low) & (high >= subdomain.high)).all(axis=1))
         return int(subdomain.among[inside[0]]) if len(inside) else -1
 
-    def split(self, subdomain: Subdomain) -> Split:
+    def split(self, subdomain: Subdomain) -> SubdomainSplit:
         """Split a subdomain that no leaf covers where the fewest leaves extend over both sides."""
         low = np.maximum(self.low[subdomain.among], subdomain.low)
         high = np.minimum(self.high[subdomain.among], subdomain.high)
@@ -57,7 +57,9 @@ class LeafBoxes(NamedTuple):
         e = int(possible[np.argmin(crossing[possible])])
         below, above = subdomain.high.copy(), subdomain.low.copy()
         below[e], above[e] = cut[e], cut[e] + 1
-        return Split(e, int(cut[e]), subdomain._replace(high=below), subdomain._replace(low=above))
+        return SubdomainSplit(
+            e, int(cut[e]), subdomain._replace(high=below), subdomain._replace(low=above)
+        )
 
 
 def _select_first(value: IntArray, where: BoolArray, otherwise: IntArray) -> IntArray:

@@ -25,7 +25,7 @@ from climbplan.program.blocks import Blocks
 from climbplan.program.instance import Products
 from climbplan.solvers.mixed_integer import nodes as slots
 from climbplan.solvers.mixed_integer.indicator_form import IndicatorForm
-from climbplan.solvers.mixed_integer.nodes import SearchState, Tree
+from climbplan.solvers.mixed_integer.nodes import NodeTree, SearchState
 from climbplan.solvers.mixed_integer.problem_data import MixedIntegerProgram
 from climbplan.solvers.mixed_integer.row_keys import KeySpace, find_positions
 from climbplan.solvers.mixed_integer.search import rebuild_bounds
@@ -62,7 +62,7 @@ class LeafCover:
         program: MixedIntegerProgram,
         form: IndicatorForm,
         search: SearchState,
-        tree: Tree,
+        tree: NodeTree,
         max_leaves: int,
         best: Array | None,
     ) -> LeafCover:
@@ -152,7 +152,7 @@ class LeafCover:
             best=best,
         )
 
-    def start_tree(self, program: MixedIntegerProgram, search: SearchState, tree: Tree) -> bool:
+    def start_tree(self, program: MixedIntegerProgram, search: SearchState, tree: NodeTree) -> bool:
         """Begin a tree with these leaves; return False if they do not fit its program."""
         n, E = program.data, len(program.entities)
         if not len(self.low) or self.low.shape[1] != len(n.root_low):
@@ -185,7 +185,7 @@ class LeafCover:
         return True
 
 
-def _select_cover(tree: Tree, count: int, max_nodes: int) -> IntArray:
+def _select_cover(tree: NodeTree, count: int, max_nodes: int) -> IntArray:
     """Select nodes that cover all integers: leaves, or the ancestors of those that lie too deep.
 
     Nodes at a depth cover everything below them. So all leaves above it and all nodes at it

@@ -16,8 +16,8 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array, IntArray
-from climbplan.certificates.box import Box
-from climbplan.certificates.rows import StatedRows
+from climbplan.certificates.box import CertificateBox
+from climbplan.certificates.rows import CertificateRows
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.multiplier_map import Multipliers
 
@@ -30,7 +30,7 @@ _INFEASIBLE = (
 )
 
 
-class Relaxation(NamedTuple):
+class RelaxationSolution(NamedTuple):
     """Multipliers and solution of a relaxation."""
 
     multipliers: Multipliers
@@ -38,7 +38,7 @@ class Relaxation(NamedTuple):
 
 
 @dataclass(frozen=True)
-class _Rows:
+class _InequalityRows:
     """Rows A v <= b, or A v = b."""
 
     A: sparse.csr_matrix  # (m, N)
@@ -48,8 +48,8 @@ class _Rows:
 
 
 def compute_leaf_multipliers(
-    instance: Instance, rows: StatedRows, box: Box, empty: bool
-) -> Relaxation | None:
+    instance: Instance, rows: CertificateRows, box: CertificateBox, empty: bool
+) -> RelaxationSolution | None:
     """Compute the multipliers of a leaf from its relaxation, or from its elastic program.
 
     Args:
@@ -80,7 +80,7 @@ def compute_leaf_multipliers(
         A = block.A[:, free]
         nonempty = np.flatnonzero(np.diff(A.indptr))
         free_rows.append(
-            _Rows(
+            _InequalityRows(
                 A[nonempty],
                 (block.b - block.A @ fixed)[nonempty],
                 block.row[nonempty],
@@ -127,7 +127,7 @@ def compute_leaf_multipliers(
     ball = -z[offset:][vector_rows]
     v = fixed.copy()
     v[free] = np.clip(x[: len(free)], box.lower[free], box.upper[free])
-    return Relaxation(Multipliers(None if empty or infeasible else v[:n], y, ball), v)
+    return RelaxationSolution(Multipliers(None if empty or infeasible else v[:n], y, ball), v)
 
 
 def _solve_conic(
@@ -147,18 +147,18 @@ def _solve_conic(
     return x, z, solution.status in _INFEASIBLE
 
 
-def _find_equations(rows: StatedRows, box: Box) -> Any:
+def _find_equations(rows: CertificateRows, box: CertificateBox) -> Any:
     """Return (rows,) mask of rows that are equations and have to hold."""
     return box.classify_rows(rows)[0] & (rows.lower == rows.upper)
 
 
-def _build_equations(rows: StatedRows, equal: Any) -> _Rows:
+def _build_equations(rows: CertificateRows, equal: Any) -> _InequalityRows:
     """Build the equations of rows."""
     r = np.flatnonzero(equal)
-    return _Rows(rows.G[r], rows.upper[r], r, np.ones(len(r)))
+    return _InequalityRows(rows.G[r], rows.upper[r], r, np.ones(len(r)))
 
 
-def _build_inequalities(rows: StatedRows, box: Box, mask: Any) -> _Rows:
+def _build_inequalities(rows: CertificateRows, box: CertificateBox, mask: Any) -> _InequalityRows:
     """Build rows that are active, and big-M rows of those whose binary is open."""
     b, (is_active, is_open) = rows.binary, box.classify_rows(rows)
     A, bound, row, sign_blocks = [], [], [], []
@@ -180,7 +180,7 @@ def _build_inequalities(rows: StatedRows, box: Box, mask: Any) -> _Rows:
         bound.append(sign * side[r] + np.where(is_one, M, 0.0))
         row.append(r)
         sign_blocks.append(np.full(len(r), sign))
-    return _Rows(
+    return _InequalityRows(
         sparse.csr_matrix(sparse.vstack(A)),
         np.concatenate(bound),
         np.concatenate(row),
@@ -188,12 +188,12 @@ def _build_inequalities(rows: StatedRows, box: Box, mask: Any) -> _Rows:
     )
 
 
-def _build_bounds(box: Box, free: IntArray) -> _Rows:
+def _build_bounds(box: CertificateBox, free: IntArray) -> _InequalityRows:
     """Build the bounds of free variables."""
     eye = sparse.identity(len(box.lower), format="csr")
     high, low = free[np.isfinite(box.upper[free])], free[np.isfinite(box.lower[free])]
     no_row = np.full(len(high) + len(low), -1)
-    return _Rows(
+    return _InequalityRows(
         sparse.csr_matrix(sparse.vstack([eye[high], -eye[low]])),
         np.append(box.upper[high], -box.lower[low]),
         no_row,

@@ -9,11 +9,11 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import IntArray
-from climbplan.certificates.box import Box
+from climbplan.certificates.box import CertificateBox
 from climbplan.certificates.certificate import Certificate
 from climbplan.certificates.checker import Checker
 from climbplan.certificates.lagrangian import build_lagrangian
-from climbplan.certificates.rows import StatedRows
+from climbplan.certificates.rows import CertificateRows
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.multiplier_map import Multipliers
 
@@ -33,12 +33,14 @@ class LeafProofs:
         self.instance, self.checker = instance, Checker(instance)
         self._choices = _locate_choices(instance, self.checker.rows)
 
-    def check(self, rows: StatedRows, box: Box, multipliers: Multipliers) -> LeafProof:
+    def check(
+        self, rows: CertificateRows, box: CertificateBox, multipliers: Multipliers
+    ) -> LeafProof:
         """Check what multipliers prove of a leaf; `rows` includes the planes of its box."""
         balanced = self._balance_choices(rows, box, multipliers)
         return LeafProof(self.checker.evaluate_leaf(box, *balanced)[0], balanced)
 
-    def zero_multipliers(self, box: Box) -> Multipliers:
+    def zero_multipliers(self, box: CertificateBox) -> Multipliers:
         """Return zero multipliers, which prove what the box alone implies."""
         n = self.instance.size
         with np.errstate(invalid="ignore"):
@@ -49,7 +51,9 @@ class LeafProofs:
             np.where(np.isfinite(midpoint), midpoint, 0.0), np.zeros(rows), np.zeros(coordinates)
         )
 
-    def _balance_choices(self, rows: StatedRows, box: Box, multipliers: Multipliers) -> Multipliers:
+    def _balance_choices(
+        self, rows: CertificateRows, box: CertificateBox, multipliers: Multipliers
+    ) -> Multipliers:
         """Return multipliers for which the best alternative of each choice costs nothing."""
         if not self._choices:
             return multipliers
@@ -104,7 +108,7 @@ class CertificateWriter:
         )
 
 
-def _locate_choices(instance: Instance, rows: StatedRows) -> list[tuple[int, IntArray]]:
+def _locate_choices(instance: Instance, rows: CertificateRows) -> list[tuple[int, IntArray]]:
     """Return the equation of each choice, and its binaries in v."""
     choices, z = [], instance.size
     row = len(rows.lower) - sum(balls.f.size for balls in instance.balls) - len(instance.choices)

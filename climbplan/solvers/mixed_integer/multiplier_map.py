@@ -14,12 +14,12 @@ from scipy import sparse
 from scipy.linalg import solve_triangular
 
 from climbplan.arrays import Array, IntArray
-from climbplan.certificates.box import Box
+from climbplan.certificates.box import CertificateBox
 from climbplan.certificates.lagrangian import build_lagrangian
-from climbplan.certificates.rows import StatedRows
+from climbplan.certificates.rows import CertificateRows
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.indicator_form import IndicatorForm
-from climbplan.solvers.mixed_integer.nodes import SearchState, Tree
+from climbplan.solvers.mixed_integer.nodes import NodeTree, SearchState
 from climbplan.solvers.mixed_integer.presolve import find_equations
 from climbplan.solvers.mixed_integer.problem_data import MixedIntegerProgram
 from climbplan.solvers.mixed_integer.row_keys import (
@@ -51,7 +51,7 @@ class SearchedTree(NamedTuple):
     form: IndicatorForm
     program: MixedIntegerProgram
     search: SearchState
-    tree: Tree
+    tree: NodeTree
     space: IntArray  # (F,) factors of products that may be split
 
     @property
@@ -66,7 +66,7 @@ class MultiplierMap:
     The map is valid until the search adds further tangents.
     """
 
-    def __init__(self, instance: Instance, rows: StatedRows, tree: SearchedTree) -> None:
+    def __init__(self, instance: Instance, rows: CertificateRows, tree: SearchedTree) -> None:
         """Build the map for a statement of which `of.instance` is linear in its products."""
         self._stated, self._stated_rows, self._tree = instance, rows, tree
         form, program, num_rows = tree.form, tree.program, tree.num_rows
@@ -113,7 +113,7 @@ class MultiplierMap:
         E = rows.G[self._equal].toarray()[:, self._solved] * self._weight
         self._inverse = np.linalg.pinv(E.T, rcond=1e-13)
 
-    def map_leaf(self, leaf: int, rows: StatedRows, box: Box) -> Multipliers:
+    def map_leaf(self, leaf: int, rows: CertificateRows, box: CertificateBox) -> Multipliers:
         """Return the multipliers of a leaf; `rows` includes the planes of its box."""
         tree, data, search = self._tree.tree, self._tree.program.data, self._tree.search
         active = slice(0, tree.active[leaf])

@@ -15,8 +15,8 @@ from climbplan.solvers.mixed_integer.compiling import compiled
 from climbplan.solvers.mixed_integer.problem_data import ProblemData
 from climbplan.solvers.mixed_integer.working_set import (
     _FAR,
-    Rows,
     WorkingSet,
+    WorkingSetRows,
     _clear_working_set,
     _find_right_side,
     _refactorise,
@@ -41,7 +41,7 @@ UNLIMITED = 10**15  # of nodes or dual steps: no limit
 _LOSS = 0.05  # fraction of the gap by which the proximal term may weaken a bound
 
 
-class Tree(NamedTuple):
+class NodeTree(NamedTuple):
     """All nodes, open and closed."""
 
     low: NDArray[np.int32]  # (cap, E)
@@ -61,7 +61,7 @@ class SearchState(NamedTuple):
 
     scalars: Array  # (8,) see the indices above
     counters: IntArray  # (12,)
-    rows: Rows
+    rows: WorkingSetRows
     main: WorkingSet
     probe: WorkingSet
     base_lower: Array  # (m,) bounds of rows at the current center of the proximal term
@@ -113,7 +113,7 @@ def _compute_dual_cutoff(s: SearchState) -> float:
 
 
 @compiled
-def _push_open(tree: Tree, counters: IntArray, node: int) -> None:
+def _push_open(tree: NodeTree, counters: IntArray, node: int) -> None:
     """Push a node onto the heap of open nodes."""
     heap, position = tree.heap, counters[NUM_OPEN]
     counters[NUM_OPEN] += 1
@@ -127,7 +127,7 @@ def _push_open(tree: Tree, counters: IntArray, node: int) -> None:
 
 
 @compiled
-def _pop_open(tree: Tree, counters: IntArray) -> int:
+def _pop_open(tree: NodeTree, counters: IntArray) -> int:
     """Pop the open node of least bound."""
     heap = tree.heap
     top = heap[0]
@@ -149,7 +149,7 @@ def _pop_open(tree: Tree, counters: IntArray) -> int:
 
 
 @compiled
-def _store_working_set(tree: Tree, node: int, w: WorkingSet) -> None:
+def _store_working_set(tree: NodeTree, node: int, w: WorkingSet) -> None:
     """Store active rows and multipliers with a node, as a warm start for its children."""
     count = w.count[0]
     tree.active[node] = count
@@ -160,7 +160,7 @@ def _store_working_set(tree: Tree, node: int, w: WorkingSet) -> None:
 
 
 @compiled
-def _load_working_set(s: SearchState, tree: Tree, node: int) -> None:
+def _load_working_set(s: SearchState, tree: NodeTree, node: int) -> None:
     """Load a node's active rows into s.main and factorise; s.rows must be those of the node."""
     w = s.main
     _clear_working_set(w)
@@ -180,7 +180,14 @@ def _load_working_set(s: SearchState, tree: Tree, node: int) -> None:
 
 @compiled
 def _create_child(
-    n: ProblemData, s: SearchState, tree: Tree, node: int, e: int, up: int, split: int, bound: float
+    n: ProblemData,
+    s: SearchState,
+    tree: NodeTree,
+    node: int,
+    e: int,
+    up: int,
+    split: int,
+    bound: float,
 ) -> int:
     """Create a child; the caller has to store its active rows."""
     new = s.counters[NUM_NODES]
@@ -198,7 +205,7 @@ def _create_child(
 
 
 @compiled
-def _close_node(s: SearchState, tree: Tree, node: int, bound: float) -> None:
+def _close_node(s: SearchState, tree: NodeTree, node: int, bound: float) -> None:
     """Close a node at a bound; an infinite bound marks it as infeasible."""
     tree.bound[node] = max(tree.bound[node], bound)
     tree.state[node] = CLOSED if not np.isinf(bound) else EMPTY_NODE

@@ -34,7 +34,7 @@ from climbplan.solvers.mixed_integer.product_data import (
 from climbplan.solvers.mixed_integer.propagation import propagate_bounds
 from climbplan.solvers.mixed_integer.row_stack import (
     Coordinates,
-    RowStack,
+    NodeRows,
     append_products,
     stack_rows,
 )
@@ -145,7 +145,7 @@ def _scale_rows(
     form: IndicatorForm,
     space: Coordinates,
     cost: Cost,
-    stack: RowStack,
+    stack: NodeRows,
     factors: ProductFactors | None,
 ) -> MixedIntegerProgram:
     """Scale rows over v to unit length and assemble the problem data."""

@@ -13,7 +13,7 @@ from scipy import sparse
 
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
-from climbplan.program.box import Box, propagate_box
+from climbplan.program.box import VariableBox, propagate_box
 from climbplan.program.instance import Instance, Products
 from climbplan.reformulations.product_rows import linearise_products
 from climbplan.solvers.mixed_integer.spatial import Spatial
@@ -87,7 +87,7 @@ def _compute_weights(Q: sparse.csr_matrix) -> Array:
     return weight
 
 
-def _restrict_to_box(linear: Instance, box: Box) -> Instance:
+def _restrict_to_box(linear: Instance, box: VariableBox) -> Instance:
     """Return the instance on a box with a margin for rounding."""
     low = np.concatenate([box.lower, box.products.lower])
     high = np.concatenate([box.upper, box.products.upper])

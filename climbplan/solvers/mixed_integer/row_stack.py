@@ -33,7 +33,7 @@ class Coordinates:
 
 
 @dataclass(frozen=True)
-class RowStack:
+class NodeRows:
     """Rows low <= R w <= high; the value of the stated row is R w + base."""
 
     R: Array  # (m, k)
@@ -94,7 +94,7 @@ class _RowCollector:
         self.inverse_big_m.append(np.zeros(m) if inverse_big_m is None else inverse_big_m)
 
 
-def stack_rows(form: IndicatorForm, space: Coordinates) -> RowStack | None:
+def stack_rows(form: IndicatorForm, space: Coordinates) -> NodeRows | None:
     """Stack bounds, plain rows, indicator rows, and their aggregations for undecided nodes.
 
     Returns:
@@ -158,8 +158,8 @@ def stack_rows(form: IndicatorForm, space: Coordinates) -> RowStack | None:
 
 
 def append_products(
-    stack: RowStack, form: IndicatorForm, factors: ProductFactors, space: Coordinates
-) -> RowStack:
+    stack: NodeRows, form: IndicatorForm, factors: ProductFactors, space: Coordinates
+) -> NodeRows:
     """Append the values of factors and products, and empty rows for the envelopes."""
     F, K = len(factors.space), factors.products.count
     variables = np.concatenate([factors.space, factors.places])
@@ -173,7 +173,7 @@ def append_products(
         space.lower[variables] - space.start[variables],
         space.upper[variables] - space.start[variables],
     )
-    return RowStack(
+    return NodeRows(
         R=np.vstack([stack.R, space.X[variables], np.zeros((4 * K, k))]),
         base=np.concatenate([stack.base, base]),
         low=np.concatenate([stack.low, low, -open_ends]),
@@ -231,7 +231,7 @@ def _drop_redundant(
     num_plain: int,
     order: IntArray,
     first: IntArray,
-) -> RowStack | None:
+) -> NodeRows | None:
     """Drop rows that hold over the whole box, except indicator rows and rows of integers.
 
     Returns:
@@ -262,7 +262,7 @@ def _drop_redundant(
     with_column = ~space.switch[entities]
     value_row = np.full(len(entities), -1)
     value_row[with_column] = new_index[of_column[entities[with_column]]]
-    return RowStack(
+    return NodeRows(
         R=R[keep],
         base=base[keep],
         low=low[keep],

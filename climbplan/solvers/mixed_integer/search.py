@@ -51,8 +51,8 @@ from climbplan.solvers.mixed_integer.nodes import (
     NUM_UNPROVED,
     OPEN,
     PAUSE,
+    NodeTree,
     SearchState,
-    Tree,
     _close_node,
     _compute_cutoff,
     _create_child,
@@ -71,7 +71,7 @@ _EVERY = 8  # nodes between rounding heuristics once there is an incumbent
 
 
 @compiled
-def _split_unsolved(n: ProblemData, s: SearchState, tree: Tree, node: int) -> None:
+def _split_unsolved(n: ProblemData, s: SearchState, tree: NodeTree, node: int) -> None:
     """Split a node that was neither solved nor proved infeasible, or give it up with its bound."""
     selected = -1
     for e in range(len(n.value_row)):
@@ -92,7 +92,7 @@ def _split_unsolved(n: ProblemData, s: SearchState, tree: Tree, node: int) -> No
 
 
 @compiled
-def _process_node(n: ProblemData, s: SearchState, tree: Tree, node: int, warm: bool) -> int:
+def _process_node(n: ProblemData, s: SearchState, tree: NodeTree, node: int, warm: bool) -> int:
     """Process one node; return the child with which the dive continues, or -1."""
     E = len(n.value_row)
     for e in range(E):
@@ -168,7 +168,9 @@ def _process_node(n: ProblemData, s: SearchState, tree: Tree, node: int, warm: b
 
 
 @compiled
-def _finish_product_node(n: ProblemData, s: SearchState, tree: Tree, node: int, leaf: bool) -> int:
+def _finish_product_node(
+    n: ProblemData, s: SearchState, tree: NodeTree, node: int, leaf: bool
+) -> int:
     """Finish a node with products; its caller runs the local search for incumbents."""
     if leaf and _accept_integral_node(n, s, s.trial_integers):
         _split_unsolved(n, s, tree, node)  # an integer has an integral value, but is not fixed
@@ -185,7 +187,7 @@ def _finish_product_node(n: ProblemData, s: SearchState, tree: Tree, node: int, 
 
 
 @compiled
-def run_search(n: ProblemData, s: SearchState, tree: Tree, nodes: int, max_nodes: int) -> int:
+def run_search(n: ProblemData, s: SearchState, tree: NodeTree, nodes: int, max_nodes: int) -> int:
     """Process up to `nodes` nodes, `most` in all; return DONE, GROW, GROW_ROWS or PAUSE.
 
     GROW and GROW_ROWS ask for larger arrays. DONE also follows the limit of dual steps, and a stop
@@ -224,7 +226,7 @@ def run_search(n: ProblemData, s: SearchState, tree: Tree, nodes: int, max_nodes
 
 
 @compiled
-def resolve_leaf(n: ProblemData, s: SearchState, tree: Tree, node: int) -> None:
+def resolve_leaf(n: ProblemData, s: SearchState, tree: NodeTree, node: int) -> None:
     """Solve a leaf again, for multipliers that prove its bound.
 
     Children that a probe closed late, or that were never processed, have their parent's
@@ -243,7 +245,7 @@ def resolve_leaf(n: ProblemData, s: SearchState, tree: Tree, node: int) -> None:
 
 
 @compiled
-def rebuild_bounds(n: ProblemData, s: SearchState, tree: Tree) -> None:
+def rebuild_bounds(n: ProblemData, s: SearchState, tree: NodeTree) -> None:
     """Compute the bounds of a tree's first nodes from multipliers of another problem."""
     w = s.main
     for node in range(s.counters[NUM_NODES]):

@@ -20,10 +20,10 @@ from climbplan.arrays import Array, IntArray
 from climbplan.solvers.interruption import run_in_thread
 from climbplan.solvers.mixed_integer import nodes as slots
 from climbplan.solvers.mixed_integer.leaf_cover import LeafCover
-from climbplan.solvers.mixed_integer.nodes import UNLIMITED, SearchState, Tree
+from climbplan.solvers.mixed_integer.nodes import UNLIMITED, NodeTree, SearchState
 from climbplan.solvers.mixed_integer.problem_data import MixedIntegerProgram, extend_rows
 from climbplan.solvers.mixed_integer.search import run_search as run_tree
-from climbplan.solvers.mixed_integer.working_set import Rows, allocate_working_set
+from climbplan.solvers.mixed_integer.working_set import WorkingSetRows, allocate_working_set
 
 _INITIAL_CAPACITY = 256  # initial capacity in nodes
 _LARGE_PROGRAM = 300_000  # entries of rows from which a node may take a tenth of a second
@@ -55,7 +55,7 @@ class TreeRun:
 
     program: MixedIntegerProgram
     search: SearchState
-    tree: Tree
+    tree: NodeTree
     is_full: bool = False  # whether the nodes have reached the memory limit
 
     @classmethod
@@ -218,7 +218,7 @@ def _allocate_search(
     )
     counters = np.zeros(12, np.int64)
     counters[slots.DIVE_NODE] = -1
-    rows = Rows(
+    rows = WorkingSetRows(
         M=_extend(program.M, 0, tangents),
         T=_extend(program.T, 1, tangents),
         lower=data.lower.copy(),
@@ -267,9 +267,9 @@ def _extend(array: Any, axis: int, length: int) -> Any:
     return np.ascontiguousarray(np.concatenate([array, np.zeros(shape, array.dtype)], axis=axis))
 
 
-def _allocate_tree(num_integers: int, max_active: int, capacity: int) -> Tree:
+def _allocate_tree(num_integers: int, max_active: int, capacity: int) -> NodeTree:
     """Allocate nodes."""
-    return Tree(
+    return NodeTree(
         low=np.zeros((capacity, num_integers), np.int32),
         high=np.zeros((capacity, num_integers), np.int32),
         bound=np.zeros(capacity),
@@ -283,11 +283,11 @@ def _allocate_tree(num_integers: int, max_active: int, capacity: int) -> Tree:
     )
 
 
-def _double_capacity(tree: Tree) -> Tree:
+def _double_capacity(tree: NodeTree) -> NodeTree:
     """Return the same tree with twice the capacity."""
-    return Tree(*(np.concatenate([array, np.zeros_like(array)]) for array in tree))
+    return NodeTree(*(np.concatenate([array, np.zeros_like(array)]) for array in tree))
 
 
-def _count_bytes(tree: Tree) -> int:
+def _count_bytes(tree: NodeTree) -> int:
     """Return the memory of a tree [bytes]."""
     return sum(array.nbytes for array in tree)

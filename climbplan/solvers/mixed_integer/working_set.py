@@ -17,7 +17,7 @@ _SINGULAR = 1e-13  # squared distance from the span of active rows at which a ro
 _FAR = 1e300
 
 
-class Rows(NamedTuple):
+class WorkingSetRows(NamedTuple):
     """The rows of all nodes, scaled to unit length."""
 
     M: Array  # (m, k)
@@ -98,7 +98,7 @@ def _clear_working_set(w: WorkingSet) -> None:
 
 
 @compiled
-def _find_right_side(rows: Rows, row: int, side: float) -> float:
+def _find_right_side(rows: WorkingSetRows, row: int, side: float) -> float:
     """Return d of side * M[row] v <= d."""
     return rows.upper[row] if side > 0 else -rows.lower[row]
 
@@ -132,7 +132,7 @@ def _solve_factors(w: WorkingSet, count: int, x: Array) -> None:
 
 
 @compiled
-def _compute_pivot(rows: Rows, w: WorkingSet, row: int, side: float) -> float:
+def _compute_pivot(rows: WorkingSetRows, w: WorkingSet, row: int, side: float) -> float:
     """Return the squared distance of a row from the span of the active ones.
 
     The next line of L is filled for `_append_row`.
@@ -197,7 +197,7 @@ def _remove_row(w: WorkingSet, position: int) -> None:
 
 
 @compiled
-def _refactorise(rows: Rows, w: WorkingSet) -> None:
+def _refactorise(rows: WorkingSetRows, w: WorkingSet) -> None:
     """Recompute the factors from the active rows; linearly dependent rows are dropped."""
     n = w.count[0]
     w.count[0] = 0
@@ -213,7 +213,7 @@ def _refactorise(rows: Rows, w: WorkingSet) -> None:
 
 
 @compiled
-def _compute_primal(rows: Rows, w: WorkingSet) -> float:
+def _compute_primal(rows: WorkingSetRows, w: WorkingSet) -> float:
     """Compute v from the multipliers; return 1/2 |v|^2."""
     k = w.v.shape[0]
     for j in range(k):
@@ -231,7 +231,7 @@ def _compute_primal(rows: Rows, w: WorkingSet) -> float:
 
 
 @compiled
-def _compute_row_values(rows: Rows, w: WorkingSet) -> None:
+def _compute_row_values(rows: WorkingSetRows, w: WorkingSet) -> None:
     """Compute M v."""
     m = rows.num_used[0]
     for i in range(m):
@@ -245,7 +245,7 @@ def _compute_row_values(rows: Rows, w: WorkingSet) -> None:
 
 
 @compiled
-def _compute_dual_value(rows: Rows, w: WorkingSet) -> float:
+def _compute_dual_value(rows: WorkingSetRows, w: WorkingSet) -> float:
     """Return -1/2 |M'l|^2 - d'l of the multipliers l, which is a bound whatever they are."""
     value = -_compute_primal(rows, w)
     for i in range(w.count[0]):
@@ -255,7 +255,7 @@ def _compute_dual_value(rows: Rows, w: WorkingSet) -> float:
 
 
 @compiled
-def _remove_disabled_rows(rows: Rows, w: WorkingSet) -> None:
+def _remove_disabled_rows(rows: WorkingSetRows, w: WorkingSet) -> None:
     """Remove active rows that the current node lacks, or whose bound is infinite."""
     for i in range(w.count[0] - 1, -1, -1):
         row = w.row[i]

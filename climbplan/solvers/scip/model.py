@@ -10,7 +10,7 @@ import pyscipopt
 from scipy import sparse
 
 from climbplan.arrays import Array
-from climbplan.program.box import Box
+from climbplan.program.box import VariableBox
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer_form import ChoiceRow, build_mixed_integer_form
 from climbplan.solvers.separable_cost import SeparableCost
@@ -69,7 +69,7 @@ class ScipModel:
         for i, (low, high) in enumerate(zip(instance.row_lower, instance.row_upper, strict=True)):
             self.add_range(self.build_affine(rows[i]), low, high, f"row{i}")
 
-    def set_cost(self, cost: SeparableCost, box: Box) -> None:
+    def set_cost(self, cost: SeparableCost, box: VariableBox) -> None:
         """Set the cost as separable epigraphs: one large quadratic leaves the bound at zero.
 
         Each difference is scaled to at most 1, so that the solver's tolerance is small in the cost.

@@ -14,7 +14,7 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.local_envelopes import LocalForm
 from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.convex.sessions import ConvexBackend, create_session
@@ -74,7 +74,7 @@ class EnvelopeSolver:
         if not pinned.products.count:
             answer = self._session.solve(pinned)
         else:
-            box = Range(low, high)
+            box = ElementwiseRange(low, high)
             answer = self._session.solve(LocalForm.of(pinned).at(box))
         if answer.x is None:
             return EnvelopeAnswer(None, "contradiction" if answer.infeasible else "failed")

@@ -118,7 +118,7 @@ class SqpSolver:
 
 
 @dataclass(frozen=True)
-class _Trial:
+class _TrialPoint:
     """A trial point of a step."""
 
     y: Array
@@ -224,15 +224,15 @@ class _SqpRun:
                 return "converged"
         return "steps" if self.violation <= options.tolerance else "stalled"
 
-    def _evaluate_trial(self, d: Array) -> _Trial:
+    def _evaluate_trial(self, d: Array) -> _TrialPoint:
         """Evaluate a trial point."""
         y = np.clip(self.y + d, self.model.low, self.model.high)
         values = self.model.nonlinear_rows.evaluate(y)
-        return _Trial(
+        return _TrialPoint(
             y, values, _compute_max_violation(self.low, self.high, values), self.model.objective(y)
         )
 
-    def _is_accepted(self, trial: _Trial, restoring: bool) -> bool:
+    def _is_accepted(self, trial: _TrialPoint, restoring: bool) -> bool:
         """Return whether the merit function falls, or the violation falls a lot.
 
         The merit function is cost + penalty * violation.

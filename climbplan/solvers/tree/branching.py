@@ -24,7 +24,7 @@ _WIDE = 8  # largest number of choices among many alternatives that are evaluate
 
 
 @dataclass(frozen=True)
-class Split:
+class BranchingChildren:
     """Children of a branching decision."""
 
     choice: int
@@ -87,7 +87,7 @@ def compute_alternative_gains(
 
 def select_split(
     form: NormalForm, value: Array, rates: DualSteps, masks: Masks, candidates: IntArray
-) -> Split:
+) -> BranchingChildren:
     """Select the division whose children gain most, by the product of their gains.
 
     Gains far beyond the largest gain that a division guarantees in all its children are capped: a
@@ -129,7 +129,7 @@ def select_split(
         np.minimum.reduceat(g, s.first, axis=1).max(initial=0.0) for _, s, g in evaluated
     ]
     scale = max([*guaranteed_gains, _SMALLEST])
-    selected: Split | None = None
+    selected: BranchingChildren | None = None
     best_score = -np.inf
     for choices, splits, gains in evaluated:
         sizes = np.diff([*splits.first, gains.shape[1]])
@@ -139,6 +139,6 @@ def select_split(
         if score[g, division] > best_score:
             best_score = float(score[g, division])
             span = slice(int(splits.first[division]), int(splits.first[division] + sizes[division]))
-            selected = Split(choices[int(g)], splits.children[span], gains[g, span])
+            selected = BranchingChildren(choices[int(g)], splits.children[span], gains[g, span])
     assert selected is not None
     return selected

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.program.box import Box, Hulls
+from climbplan.program.box import Hulls, VariableBox
 from climbplan.program.instance import Instance
 from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable
 from climbplan.solvers.tree.stacked_choices import StackedChoices
@@ -32,7 +32,7 @@ def build_choice_hulls(
     )
 
 
-def compute_max_cost(instance: Instance, box: Box) -> float:
+def compute_max_cost(instance: Instance, box: VariableBox) -> float:
     """Return an upper bound on the cost of every feasible point, infinite if the box is open."""
     max_abs = np.maximum(np.abs(box.lower), np.abs(box.upper))
     if not np.isfinite(max_abs).all():

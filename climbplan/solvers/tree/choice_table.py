@@ -217,7 +217,7 @@ def build_choice_tables(choices: Sequence[Choice], every_row: bool = False) -> l
 
 
 @dataclass(frozen=True)
-class _StatedRows:
+class _DirectionRows:
     """Rows of all alternatives along their different directions."""
 
     exact: ExactRows
@@ -225,7 +225,7 @@ class _StatedRows:
     is_empty: BoolArray  # (R,) whether a row without coefficients fails
 
 
-def _collect_rows(alternatives: tuple[Polytope, ...]) -> _StatedRows:
+def _collect_rows(alternatives: tuple[Polytope, ...]) -> _DirectionRows:
     """Collect all rows of all alternatives, as intervals along different directions."""
     sizes = [len(p.b) + len(p.c) for p in alternatives]
     d = alternatives[0].dimension
@@ -260,7 +260,7 @@ def _collect_rows(alternatives: tuple[Polytope, ...]) -> _StatedRows:
     index[holder, column] = direction_of_interval
     own_lower[holder, column], own_upper[holder, column] = lower, upper
     planes = np.unique(direction_of_interval[upper - lower <= _PARALLEL])
-    return _StatedRows(ExactRows(directions, index, own_lower, own_upper), planes, empty)
+    return _DirectionRows(ExactRows(directions, index, own_lower, own_upper), planes, empty)
 
 
 def _find_directions(rows: Array) -> tuple[NDArray[np.intp], NDArray[np.intp], Array]:

@@ -18,7 +18,7 @@ import numpy as np
 import scipy.linalg as la
 
 from climbplan.arrays import Array, IntArray
-from climbplan.program.box import Box
+from climbplan.program.box import VariableBox
 from climbplan.program.instance import Instance
 from climbplan.solvers.result import FEASIBILITY
 from climbplan.solvers.tree.components import Components, Equations
@@ -54,7 +54,7 @@ class _ScaledComponent:
 
 
 def scale_cost(
-    instance: Instance, parts: Components, equal: Equations, box: Callable[[], Box]
+    instance: Instance, parts: Components, equal: Equations, box: Callable[[], VariableBox]
 ) -> ScaledCost:
     """Eliminate equations and scale the cost.
 
@@ -120,7 +120,7 @@ def _scale_component(
     basis: Array,
     index: IntArray,
     top: float,
-    box: Callable[[], Box],
+    box: Callable[[], VariableBox],
 ) -> _ScaledComponent:
     """Scale the coordinates of x = start + basis w of one component."""
     H, g = basis.T @ P @ basis, basis.T @ (P @ start + q)

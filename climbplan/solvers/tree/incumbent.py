@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
 from climbplan.solvers.result import MIN_OBJECTIVE_SCALE, ROUNDING
-from climbplan.solvers.tree.relaxation import ClosedRelaxation, Relaxation, RelaxationPoint
+from climbplan.solvers.tree.relaxation import ClosedRelaxation, RelaxationPoint, RelaxationSolver
 
 _ROUNDS = 100  # largest number of rounds of ball cuts
 _BALL_TOLERANCE_FRACTION = 0.4  # fraction of the tolerance for balls
@@ -30,7 +30,7 @@ class IncumbentStore:
     """Keeps the best point that the instance itself calls feasible."""
 
     def __init__(
-        self, instance: Instance, relaxation: Relaxation, gap: float, tolerance: float
+        self, instance: Instance, relaxation: RelaxationSolver, gap: float, tolerance: float
     ) -> None:
         """Begin without an incumbent."""
         self.instance, self.relaxation = instance, relaxation

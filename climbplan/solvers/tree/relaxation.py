@@ -72,7 +72,7 @@ class _NodeBounds:
     alternatives: list[AlternativeRows]
 
 
-class Relaxation:
+class RelaxationSolver:
     """Solves the relaxations of one search."""
 
     def __init__(self, form: NormalForm, late: Callable[[], bool] = lambda: False) -> None:

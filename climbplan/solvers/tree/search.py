@@ -21,7 +21,7 @@ from climbplan.solvers.tree.branching import (
 from climbplan.solvers.tree.dual_gains import DualSteps, compute_dual_steps
 from climbplan.solvers.tree.incumbent import IncumbentStore
 from climbplan.solvers.tree.normal_form import Masks, NormalForm
-from climbplan.solvers.tree.relaxation import ClosedRelaxation, Relaxation, RelaxationPoint
+from climbplan.solvers.tree.relaxation import ClosedRelaxation, RelaxationPoint, RelaxationSolver
 
 # Rounds of ball cuts, and the violation from which balls are cut [m]
 _ROOT_CUTS, _NODE_CUTS, _LEAF_ROUNDS = (30, 1e-6), (4, 1e-5), 100
@@ -33,7 +33,7 @@ _BLOCK_SLACK = 0.1  # fraction of the gap that all components together may leave
 
 
 @dataclass(frozen=True)
-class Node:
+class ChoiceNode:
     """A set of allowed alternatives for every choice, and the results of its parent."""
 
     bound: float
@@ -62,14 +62,14 @@ class TreeSearch:
         self.known = known or KnownResult()
         self.proposals = [] if self.known.assignment is None else [self.known.assignment]
         self.proposals += proposals
-        self.relaxation = Relaxation(form, self._is_late)
+        self.relaxation = RelaxationSolver(form, self._is_late)
         self.components = build_component_problems(form, self.relaxation.pool)
         self.incumbents = IncumbentStore(instance, self.relaxation, gap, tolerance)
         self.num_nodes = 0
         self.log: list[str] = []
         self.closed_bound = np.inf  # least bound of closed nodes that are not infeasible
-        self._open: list[tuple[float, int, Node]] = []
-        self._dive: list[Node] = []
+        self._open: list[tuple[float, int, ChoiceNode]] = []
+        self._dive: list[ChoiceNode] = []
         self._num_created = 0
         self._begin = time.perf_counter()
 
@@ -100,9 +100,9 @@ class TreeSearch:
                 self._log_progress("")
         self._log_progress("done")
 
-    def create_root(self) -> Node:
+    def create_root(self) -> ChoiceNode:
         """Create the node that allows every alternative."""
-        return Node(self.known.bound, self.form.root_masks, self.relaxation.start(), ())
+        return ChoiceNode(self.known.bound, self.form.root_masks, self.relaxation.start(), ())
 
     def _is_allowed(self, assignment: IntArray) -> bool:
         """Return whether the root allows an assignment."""
@@ -139,7 +139,7 @@ class TreeSearch:
 
     # ---- one node
 
-    def _process(self, node: Node) -> None:
+    def _process(self, node: ChoiceNode) -> None:
         """Relax, bound, try for an incumbent, exclude alternatives, branch."""
         is_root = self.num_nodes == 1
         while True:
@@ -182,7 +182,7 @@ class TreeSearch:
         self._branch(node, point, value, rates, violation, gains)
 
     def _relax_with_cuts(
-        self, node: Node, max_rounds: int, tolerance: float, stop_early: bool
+        self, node: ChoiceNode, max_rounds: int, tolerance: float, stop_early: bool
     ) -> RelaxationPoint | None:
         """Solve the node's relaxation with ball cuts; return None if that closes the node."""
         point, previous_bound = node.start, -np.inf
@@ -215,7 +215,7 @@ class TreeSearch:
         """Return the values of choice rows."""
         return np.asarray(self.form.rows[self.form.choice_rows] @ point.z)
 
-    def _process_leaf(self, node: Node) -> None:
+    def _process_leaf(self, node: ChoiceNode) -> None:
         """Converge the balls of a node without violated choices, and accept its point."""
         point = self._relax_with_cuts(node, _LEAF_ROUNDS, 0.4 * self.tolerance, stop_early=False)
         if point is None:
@@ -246,7 +246,7 @@ class TreeSearch:
     # ---- bounds beyond the relaxation
 
     def _compute_component_gains(
-        self, node: Node, point: RelaxationPoint, lower: Array, upper: Array, is_root: bool
+        self, node: ChoiceNode, point: RelaxationPoint, lower: Array, upper: Array, is_root: bool
     ) -> tuple[list[ComponentMinimum | None], Array]:
         """Return the minima of all components, and what each adds to the relaxation's bound."""
         parent_minima = node.minima or (None,) * len(self.components)
@@ -280,7 +280,7 @@ class TreeSearch:
 
     def _exclude_alternatives(
         self,
-        node: Node,
+        node: ChoiceNode,
         allowed: BoolArray,
         point: RelaxationPoint,
         value: Array,
@@ -306,7 +306,7 @@ class TreeSearch:
 
     def _branch(
         self,
-        node: Node,
+        node: ChoiceNode,
         point: RelaxationPoint,
         value: Array,
         rates: DualSteps,
@@ -337,7 +337,7 @@ class TreeSearch:
             children.append(replace(node, bound=bound, masks=masks))
         self._push(children)
 
-    def _push(self, children: list[Node]) -> None:
+    def _push(self, children: list[ChoiceNode]) -> None:
         """Dive into the best child while there is no incumbent; best bound first otherwise."""
         children.sort(key=lambda child: child.bound)
         if self.incumbents.best is None and children:

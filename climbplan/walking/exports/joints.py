@@ -16,7 +16,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.exports.base_link import BaseLink, build_base_link, collect_urdf_facts
 from climbplan.exports.damping import critical_damping
-from climbplan.exports.motion import JointLimits, JointMotion, LimbShape, RobotMotion
+from climbplan.exports.motion import ExportedJoints, JointLimits, LimbLinks, RobotMotion
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.robots.walking_legs import WalkingLegs
@@ -78,7 +78,7 @@ class WalkJoints:
         return replace(
             motion,
             base=self.base.motion(position, rotation),
-            joints=JointMotion(
+            joints=ExportedJoints(
                 names=tuple(name for names in chain.joint_names for name in names if name),
                 command=angle[:, has_motor],
                 velocity=velocity[:, has_motor],
@@ -92,7 +92,7 @@ class WalkJoints:
                 limits=self._read_limits(angle[0]),
             ),
             limbs=tuple(
-                LimbShape(name, points[:, leg], _LIMB_RADIUS)
+                LimbLinks(name, points[:, leg], _LIMB_RADIUS)
                 for leg, name in enumerate(self.leg_names)
             ),
             words=notes,

@@ -18,7 +18,7 @@ from climbplan.walking.kernels.parameters import (
     AffineStates,
     FootholdUnknowns,
     LegChain,
-    RowBlock,
+    QpRows,
     SteppingMotion,
 )
 
@@ -104,7 +104,7 @@ def _add_body_velocity(
     return constant
 
 
-class Swing(NamedTuple):
+class SwingInterval(NamedTuple):
     """The swing, or the stance, of a leg that an interval belongs to."""
 
     leg: int
@@ -117,7 +117,7 @@ class Swing(NamedTuple):
 
 
 @compiled
-def _find_swing(motion: SteppingMotion, leg: int, n: int) -> Swing:
+def _find_swing(motion: SteppingMotion, leg: int, n: int) -> SwingInterval:
     """Find the swing or stance of a leg that interval n belongs to."""
     contact, toes, steps = motion.contact, motion.toes, motion.steps
     knots = contact.shape[0]
@@ -128,7 +128,7 @@ def _find_swing(motion: SteppingMotion, leg: int, n: int) -> Swing:
         lands += 1
     left = n if contact[n, leg] else max(lifts - 1, 0)
     if lands == knots:
-        return Swing(leg, n, left, lands, 0.0, 0.0, 0.0)
+        return SwingInterval(leg, n, left, lands, 0.0, 0.0, 0.0)
     span, elapsed = 0.0, 0.0
     top = max(toes[left, leg, 2], toes[lands, leg, 2]) + motion.swing_clearance
     for m in range(lifts, lands):
@@ -136,12 +136,12 @@ def _find_swing(motion: SteppingMotion, leg: int, n: int) -> Swing:
         elapsed += steps[m] if m < n else 0.0
         top = max(top, toes[m, leg, 2])
     high = top - 0.5 * (toes[left, leg, 2] + toes[lands, leg, 2])
-    return Swing(leg, n, left, lands, span, elapsed, high)
+    return SwingInterval(leg, n, left, lands, span, elapsed, high)
 
 
 @compiled
 def _sample_toe(
-    motion: SteppingMotion, swing: Swing, sample: int, toe: Array, velocity: Array
+    motion: SteppingMotion, swing: SwingInterval, sample: int, toe: Array, velocity: Array
 ) -> tuple[float, float]:
     """Write a toe (3,) and its velocity (3,) at a sample of an interval.
 
@@ -168,7 +168,12 @@ def _sample_toe(
 
 @compiled
 def _add_foothold_velocity(
-    g: Array, rate: float, swing: Swing, footholds: FootholdUnknowns, row: Array, constant: float
+    g: Array,
+    rate: float,
+    swing: SwingInterval,
+    footholds: FootholdUnknowns,
+    row: Array,
+    constant: float,
 ) -> float:
     """Add the effect of a swing's ends on g' dx/dt to a row (Z,); return its updated constant."""
     for knot, sign in ((swing.left, -rate), (swing.lands, rate)):
@@ -189,7 +194,7 @@ def write_speed_rows(
     motion: SteppingMotion,
     footholds: FootholdUnknowns,
     states: AffineStates,
-    block: RowBlock,
+    block: QpRows,
 ) -> int:
     """Write joint speed limits as rows on states and footholds; return the number of rows.
 

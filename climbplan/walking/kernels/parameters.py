@@ -89,7 +89,7 @@ class AffineStates(NamedTuple):
     sensitivity: Array  # (N + 1, 12, Z)
 
 
-class RowBlock(NamedTuple):
+class QpRows(NamedTuple):
     """Rows lower <= rows z <= upper of the QP, written in place."""
 
     rows: Array  # (M, Z)
@@ -135,4 +135,4 @@ class QpBuffers(NamedTuple):
     states: AffineStates
     hessian: Array  # (Z, Z)
     gradient: Array  # (Z,)
-    block: RowBlock  # workspace rows
+    block: QpRows  # workspace rows

@@ -19,7 +19,7 @@ from climbplan.walking.kernels.parameters import (
     QpLayout,
     QpObjective,
     QpProblem,
-    RowBlock,
+    QpRows,
 )
 
 _FAR = 1e30
@@ -220,7 +220,7 @@ def _write_attitude_jacobian(R: Array, angles: Array, arm: Array, turn: Array) -
 
 
 @compiled
-def _write_swing_rows(problem: QpProblem, state: Array, buffers: QpBuffers, block: RowBlock) -> int:
+def _write_swing_rows(problem: QpProblem, state: Array, buffers: QpBuffers, block: QpRows) -> int:
     """Write rows for swinging toes at knots 1 to N: some point of their boxes has their height.
 
     The height in the body is linear in the toe's position. The corner of smallest height must
@@ -303,7 +303,7 @@ def assemble_qp(
     _write_objective(problem.objective, problem.layout, buffers)
     count = _write_stance_rows(problem, point, toes, buffers)
     block = buffers.block
-    following = RowBlock(block.rows[count:], block.lower[count:], block.upper[count:])
+    following = QpRows(block.rows[count:], block.lower[count:], block.upper[count:])
     return count + _write_swing_rows(problem, point.state, buffers, following)
 
 

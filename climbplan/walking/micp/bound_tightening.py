@@ -63,14 +63,14 @@ def tighten_bounds(
         tightener.tighten_total_forces(first_knot)
         tightener.tighten_legs(first_knot)
         tightener.tighten_states(first_knot)
-    except _Infeasible:
+    except _EmptyDomain:
         return None
     except _TimeLimitReached:
         pass
     return tightener.bounds
 
 
-class _Infeasible(Exception):
+class _EmptyDomain(Exception):
     """The program has no solution."""
 
 
@@ -115,7 +115,7 @@ class _BoundTightener:
         status = solve_lp(self.solver)
         if status == highspy.HighsModelStatus.kInfeasible:
             if confirm_infeasible(self.solver):
-                raise _Infeasible
+                raise _EmptyDomain
             return None
         if status != highspy.HighsModelStatus.kOptimal:
             return None
@@ -233,7 +233,7 @@ class _BoundTightener:
         num_reused = len(self.solutions)
         try:
             self.tighten_standing_leg(n, leg, pieces)
-        except _Infeasible:
+        except _EmptyDomain:
             high = 0.0
         solutions = np.vstack([solutions, self.solutions[num_reused:]])
         if high > 0.0 and low == 0.0 and not (contacts < _FIXED).any():
@@ -241,10 +241,10 @@ class _BoundTightener:
             try:
                 self.minimise()
                 solutions = np.vstack([solutions, self.solutions[-1:]])
-            except _Infeasible:
+            except _EmptyDomain:
                 low = 1.0
         if low > high:
-            raise _Infeasible
+            raise _EmptyDomain
         bounds.contact_low[n, leg], bounds.contact_high[n, leg] = low, high
         self.solver.changeRowBounds(row, low, high)
         self.solutions = solutions

@@ -25,7 +25,7 @@ from climbplan.walking.micp.attitude_partition import (
     partition_attitudes,
     sort_narrow_first,
 )
-from climbplan.walking.micp.branching import Node, TightenedRoot, count_early_intervals
+from climbplan.walking.micp.branching import TightenedRoot, WalkSubproblem, count_early_intervals
 from climbplan.walking.micp.contact_search import ContactSearch
 from climbplan.walking.micp.limits import MicpLimits
 from climbplan.walking.micp.node_lp import NodeLp
@@ -36,7 +36,7 @@ from climbplan.walking.micp.outer_approximation import (
 )
 from climbplan.walking.micp.prefix_relaxation import (
     MIN_PREFIX,
-    Formulation,
+    TaskRelaxation,
     bound_by_tightening,
     tighten_by_prefixes,
 )
@@ -172,7 +172,7 @@ class BranchAndBound:
         if root is not None:
             self.search_contacts(root.node, root.program)
 
-    def create_root(self, attitude_box: AttitudeBox) -> Node:
+    def create_root(self, attitude_box: AttitudeBox) -> WalkSubproblem:
         """Return the root node of an attitude box, and of its image if the task is symmetric."""
         limits, cutoff = self.limits, self.cutoff
         width = np.array(limits.angles), np.array(limits.spin)
@@ -181,7 +181,7 @@ class BranchAndBound:
             if is_mirror_symmetric(self.euler_task)
             else None
         )
-        formulation = Formulation(
+        formulation = TaskRelaxation(
             self.euler_task,
             attitude_box if symmetric is None else symmetric,
             cutoff,
@@ -190,9 +190,9 @@ class BranchAndBound:
             TANGENT_RATIO,
         )
         length = min(MIN_PREFIX, count_early_intervals(formulation))
-        return Node(formulation, symmetric is not None, prefix_length=length)
+        return WalkSubproblem(formulation, symmetric is not None, prefix_length=length)
 
-    def tighten_root(self, node: Node) -> TightenedRoot | None:
+    def tighten_root(self, node: WalkSubproblem) -> TightenedRoot | None:
         """Tighten the bounds of a root by linear programs.
 
         Returns:
@@ -217,7 +217,7 @@ class BranchAndBound:
         node = replace(node, formulation=formulation, lower_bound=self.bounds[self.leaf_index])
         return TightenedRoot(node, program) if is_feasible and self.seconds_left > 0 else None
 
-    def reduce_rotation_rows(self, formulation: Formulation) -> Formulation:
+    def reduce_rotation_rows(self, formulation: TaskRelaxation) -> TaskRelaxation:
         """Return the formulation without rotation rows of late knots, where the bound stays."""
         target = self.bounds[self.leaf_index] - _REDUCTION_TOLERANCE * self.objective
         for knots in range(count_early_intervals(formulation) + 1, formulation.task.knots):
@@ -228,7 +228,7 @@ class BranchAndBound:
         return formulation
 
     def search_contacts(
-        self, node: Node, program: MixedIntegerRelaxation, is_brief: bool = False
+        self, node: WalkSubproblem, program: MixedIntegerRelaxation, is_brief: bool = False
     ) -> None:
         """Raise the bound of a node by branch and bound over its contacts.
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.walking.micp.node_lp import BranchingDecision, NodeLp
-from climbplan.walking.micp.prefix_relaxation import MIN_PREFIX, Formulation, bound_by_prefix
+from climbplan.walking.micp.prefix_relaxation import MIN_PREFIX, TaskRelaxation, bound_by_prefix
 from climbplan.walking.micp.relaxation import MixedIntegerRelaxation
 from climbplan.walking.micp.variable_bounds import VariableBounds
 from climbplan.walking.task.task import ANGLES
@@ -30,10 +30,10 @@ _MIN_WIDTH = 1e-3  # [m], [rad] narrower ranges are not bisected
 
 
 @dataclass(frozen=True)
-class Node:
+class WalkSubproblem:
     """A subproblem: all motions of a formulation within bounds of its variables."""
 
-    formulation: Formulation
+    formulation: TaskRelaxation
     breaks_symmetry: bool  # whether only one motion of each mirrored pair is kept
     bounds: VariableBounds | None = None  # None: those of the formulation
     lower_bound: float = 0.0
@@ -46,21 +46,21 @@ class Node:
 class TightenedRoot:
     """A root after bound tightening, and the program with its bounds."""
 
-    node: Node
+    node: WalkSubproblem
     program: MixedIntegerRelaxation
 
 
-def count_early_intervals(formulation: Formulation) -> int:
+def count_early_intervals(formulation: TaskRelaxation) -> int:
     """Return how many intervals branching considers: fewer than all."""
     return min(_EARLY_INTERVALS, formulation.task.knots - 1)
 
 
 def branch_on_contacts(
-    node: Node,
+    node: WalkSubproblem,
     program: MixedIntegerRelaxation,
     tangent_tolerance: float,
     should_continue: Callable[[], bool],
-) -> list[Node] | None:
+) -> list[WalkSubproblem] | None:
     """Branch on the contacts of the next intervals, depth first, and prune by bound.
 
     Each undecided contact is fixed to both values in the order of knots. All linear programs are
@@ -79,7 +79,7 @@ def branch_on_contacts(
     num_early = count_early_intervals(node.formulation)
     last = min(_FIRST_INTERVALS, num_early) if node.num_decided < _FIRST_INTERVALS else num_early
     index_of_row = {int(row): index for index, row in np.ndenumerate(program.contact_rows)}
-    children, stack = list[Node](), [(node.lower_bound, tuple[BranchingDecision, ...]())]
+    children, stack = list[WalkSubproblem](), [(node.lower_bound, tuple[BranchingDecision, ...]())]
     lp.reset()
     while stack:
         bound, decisions = stack.pop()
@@ -147,11 +147,11 @@ def _fix_contacts(bounds: VariableBounds, decided: dict[tuple[int, ...], float])
 class Bisection:
     """Both halves of a node, without those that are infeasible or above the cutoff."""
 
-    children: tuple[Node, ...]
+    children: tuple[WalkSubproblem, ...]
     gain: float  # by which their prefix bounds raise the node's, mostly that of the worse child
 
 
-def bisect_node(node: Node) -> Bisection | None:
+def bisect_node(node: WalkSubproblem) -> Bisection | None:
     """Bisect a node in the range whose halves raise the prefix bound most (strong branching).
 
     Returns:
@@ -180,7 +180,7 @@ def bisect_node(node: Node) -> Bisection | None:
 
 
 def _enumerate_bisections(
-    formulation: Formulation, bounds: VariableBounds
+    formulation: TaskRelaxation, bounds: VariableBounds
 ) -> Iterator[tuple[VariableBounds, VariableBounds]]:
     """Yield bisections of attitudes, and of moment arms of standing legs, at early knots."""
     attitude_box = bounds.intersect_attitude_box(formulation.attitude_box)

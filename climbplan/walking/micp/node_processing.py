@@ -13,7 +13,7 @@ from dataclasses import replace
 
 from climbplan.walking.micp.branch_and_bound import SEARCH_TANGENT_TOLERANCE, BranchAndBound
 from climbplan.walking.micp.branching import (
-    Node,
+    WalkSubproblem,
     bisect_node,
     branch_on_contacts,
     count_early_intervals,
@@ -30,7 +30,7 @@ _MIN_BISECTION_GAIN = 0.001  # of the cost: with less gain, contacts are searche
 _NEARLY_CLOSED = 0.004  # of the cost: with a smaller gap, contacts are searched first
 
 
-def process_node(run: BranchAndBound, node: Node) -> list[Node]:
+def process_node(run: BranchAndBound, node: WalkSubproblem) -> list[WalkSubproblem]:
     """Tighten a node and branch on it.
 
     Args:
@@ -59,7 +59,9 @@ def process_node(run: BranchAndBound, node: Node) -> list[Node]:
     return _tighten_and_branch(run, node, bounds)
 
 
-def _tighten_and_branch(run: BranchAndBound, node: Node, bounds: VariableBounds) -> list[Node]:
+def _tighten_and_branch(
+    run: BranchAndBound, node: WalkSubproblem, bounds: VariableBounds
+) -> list[WalkSubproblem]:
     """Tighten the bounds by the prefix relaxation of the node, and branch if it is not closed."""
     formulation, cutoff = node.formulation, node.formulation.cutoff
     tail_costs = {node.prefix_length: node.tail_cost or 0.0}
@@ -94,8 +96,8 @@ def _tighten_and_branch(run: BranchAndBound, node: Node, bounds: VariableBounds)
 
 
 def _branch_on_contacts(
-    run: BranchAndBound, node: Node, program: MixedIntegerRelaxation, last_bound: float
-) -> list[Node] | None:
+    run: BranchAndBound, node: WalkSubproblem, program: MixedIntegerRelaxation, last_bound: float
+) -> list[WalkSubproblem] | None:
     """Branch on the next contacts; without too many children of a root, else search all contacts.
 
     Args:
@@ -118,7 +120,9 @@ def _branch_on_contacts(
     return None
 
 
-def _bisect(run: BranchAndBound, node: Node, program: MixedIntegerRelaxation) -> list[Node] | None:
+def _bisect(
+    run: BranchAndBound, node: WalkSubproblem, program: MixedIntegerRelaxation
+) -> list[WalkSubproblem] | None:
     """Bisect a node, after a search over its contacts where that promises more.
 
     Returns:

@@ -17,7 +17,7 @@ from joblib.externals.loky import ProcessPoolExecutor
 
 from climbplan.walking.micp.attitude_partition import AttitudeLeaf, sort_narrow_first
 from climbplan.walking.micp.branch_and_bound import BranchAndBound
-from climbplan.walking.micp.branching import Node
+from climbplan.walking.micp.branching import WalkSubproblem
 from climbplan.walking.micp.node_processing import process_node
 
 _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
@@ -28,7 +28,7 @@ class _OpenNode:
     """An entry of the queue."""
 
     leaf_index: int
-    node: Node
+    node: WalkSubproblem
     since: float  # [s] when it entered the queue
 
 
@@ -37,7 +37,7 @@ class _NodeResult:
     """The outcome of a step on a node."""
 
     run: BranchAndBound
-    children: tuple[Node, ...]  # none if the node is fathomed, or cannot branch
+    children: tuple[WalkSubproblem, ...]  # none if the node is fathomed, or cannot branch
     seconds: float  # of the process
 
 
@@ -107,7 +107,7 @@ def _create_worker_run(run: BranchAndBound, bound: float, seconds: float) -> Bra
 _processor_time = 0.0  # [s] of this process at the end of its last node
 
 
-def _process_in_worker(run: BranchAndBound, node: Node) -> _NodeResult:
+def _process_in_worker(run: BranchAndBound, node: WalkSubproblem) -> _NodeResult:
     """Process one node in a worker, and measure its time."""
     global _processor_time
     uses_process_clock = run.limits.clock is time.process_time

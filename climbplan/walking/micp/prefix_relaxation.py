@@ -39,7 +39,7 @@ _TAIL_COST_TOLERANCE = 1e-4  # of the cost, that a tail cost is lowered by for r
 
 
 @dataclass(frozen=True)
-class Formulation:
+class TaskRelaxation:
     """How a task is relaxed: what the programs of all its nodes have in common."""
 
     task: WalkTask
@@ -86,7 +86,7 @@ class Formulation:
             length: Number of intervals of the prefix.
             tail_cost: Lower bound on the cost of all later intervals.
         """
-        prefix = Formulation(
+        prefix = TaskRelaxation(
             truncate_task(self.task, length),
             _truncate_arrays(self.attitude_box, length, tuple(vars(self.attitude_box))),
             self.cutoff - tail_cost,
@@ -106,7 +106,7 @@ class TightenedBounds:
 
 
 def tighten_by_prefixes(
-    formulation: Formulation,
+    formulation: TaskRelaxation,
     program: MixedIntegerRelaxation,
     seconds: float,
     clock: Callable[[], float],
@@ -156,7 +156,7 @@ def tighten_by_prefixes(
 
 
 def tighten_by_prefix(
-    formulation: Formulation,
+    formulation: TaskRelaxation,
     bounds: VariableBounds,
     length: int,
     tail_costs: Sequence[float] | Mapping[int, float],
@@ -190,7 +190,7 @@ def tighten_by_prefix(
 
 
 def bound_by_prefix(
-    formulation: Formulation, bounds: VariableBounds, length: int, tail_cost: float
+    formulation: TaskRelaxation, bounds: VariableBounds, length: int, tail_cost: float
 ) -> float:
     """Return a lower bound on the cost of motions by a prefix relaxation alone.
 
@@ -208,7 +208,7 @@ def bound_by_prefix(
 
 
 def bound_by_tightening(
-    formulation: Formulation,
+    formulation: TaskRelaxation,
     bounds: VariableBounds,
     max_rounds: int,
     seconds_left: Callable[[], float],
@@ -239,7 +239,7 @@ def bound_by_tightening(
     return bound
 
 
-def _bound_relaxation(formulation: Formulation, program: MixedIntegerRelaxation) -> float:
+def _bound_relaxation(formulation: TaskRelaxation, program: MixedIntegerRelaxation) -> float:
     """Return the bound of a relaxation by outer approximation; infinite if it is infeasible."""
     solutions = refine_outer_approximation(
         program.model, TANGENT_TOLERANCE * formulation.cutoff, create_lp_solver()

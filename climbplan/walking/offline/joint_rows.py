@@ -16,7 +16,7 @@ from climbplan.walking.kernels.parameters import (
     AffineStates,
     FootholdUnknowns,
     LegChain,
-    RowBlock,
+    QpRows,
     SteppingMotion,
 )
 from climbplan.walking.offline.footing import Footing
@@ -64,7 +64,7 @@ class JointRows:
         footholds: FootholdUnknowns,
         states: AffineStates,
         force_unit: float,
-        block: RowBlock,
+        block: QpRows,
     ) -> int:
         """Write rows of torques and of speeds near their limits about a point.
 
@@ -85,7 +85,7 @@ class JointRows:
         write_torque_rows(
             chains, motion.state, motion.toes, motion.contact, force_unit, block.rows[:first]
         )
-        speeds = RowBlock(block.rows[first:], block.lower[first:], block.upper[first:])
+        speeds = QpRows(block.rows[first:], block.lower[first:], block.upper[first:])
         max_speed = _SPEED_FRACTION * legs.max_speed
         return first + write_speed_rows(chains, max_speed, motion, footholds, states, speeds)
 
@@ -109,7 +109,7 @@ class JointRows:
         if legs is None:
             return -1.0
         count, unknowns = self.num_speed_rows, spots.size
-        block = RowBlock(np.zeros((count, unknowns)), np.zeros(count), np.zeros(count))
+        block = QpRows(np.zeros((count, unknowns)), np.zeros(count), np.zeros(count))
         written = write_speed_rows(
             _build_chains(legs),
             legs.max_speed,

@@ -29,7 +29,7 @@ from climbplan.walking.offline.nlp_program import (
     compile_nlp,
     split_variables,
 )
-from climbplan.walking.offline.pinned import Iterate, PinnedProgram
+from climbplan.walking.offline.pinned import PinnedProgram, WalkIterate
 from climbplan.walking.offline.sqp import (
     COARSE_TOLERANCE,
     REACH_SLACK,
@@ -59,7 +59,7 @@ class NlpSolver:
         self.task = task
         self.program = compile_nlp(NlpShape.of(task))
 
-    def solve(self, start: Gait, iterate: Iterate, seconds: float) -> WalkAnswer:
+    def solve(self, start: Gait, iterate: WalkIterate, seconds: float) -> WalkAnswer:
         """Solve the program from a motion of a gait, whose regions are kept.
 
         Args:
@@ -94,7 +94,7 @@ class NlpSolver:
         polished = _polish(
             task,
             gait,
-            Iterate(
+            WalkIterate(
                 np.vstack([task.start.state, state]),
                 np.where(gait.contact[:-1, :, None], force, 0.0),
                 toes[footing.first - 1, footing.leg],
@@ -144,7 +144,7 @@ def solve_nlp(task: WalkTask, guess_name: str, seconds: float) -> WalkAnswer:
     return WalkAnswer(None, np.inf, time.perf_counter() - begin, message, tried=tried)
 
 
-def generate_guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]]:
+def generate_guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, WalkIterate]]:
     """Yield gaits with a motion after a few QPs: phases of the named gait, then other gaits.
 
     Phases are in the order of the cost that one QP predicts, other gaits in that of their workspace
@@ -170,7 +170,7 @@ def generate_guesses(task: WalkTask, name: str) -> Iterator[tuple[Gait, Iterate]
                 yielded_keys |= _list_equivalent_keys(gait, is_symmetric)
                 other_gaits.append(gait)
         initial = [_run_initial_sqp(task, gait, _INITIAL_QPS) for gait in other_gaits]
-        hopeless: list[tuple[Gait, Iterate]] = []
+        hopeless: list[tuple[Gait, WalkIterate]] = []
         for k in np.argsort([reach for _, reach in initial], kind="stable"):
             iterate, reach = _run_initial_sqp(task, other_gaits[k], _OTHER_GAIT_QPS, initial[k][0])
             if reach <= _MAX_REACH_VIOLATION:
@@ -186,8 +186,8 @@ def _list_equivalent_keys(gait: Gait, is_symmetric: bool) -> set[bytes]:
 
 
 def _run_initial_sqp(
-    task: WalkTask, gait: Gait, qps: int, start: Iterate | None = None
-) -> tuple[Iterate, float]:
+    task: WalkTask, gait: Gait, qps: int, start: WalkIterate | None = None
+) -> tuple[WalkIterate, float]:
     """Run a few QPs from a guess.
 
     Returns:
@@ -200,7 +200,7 @@ def _run_initial_sqp(
     return build_iterate(answer.trajectory, gait), max(answer.reach_violation, REACH_SLACK)
 
 
-def _polish(task: WalkTask, gait: Gait, iterate: Iterate) -> GaitAnswer:
+def _polish(task: WalkTask, gait: Gait, iterate: WalkIterate) -> GaitAnswer:
     """Make IPOPT's answer exact by SQP, with more iterations if the exact check does not pass."""
     for iterations in _POLISH_QPS:
         answer = solve_gait(task, gait, iterate, iterations, _WORKSPACE_MARGIN, COARSE_TOLERANCE)

@@ -23,16 +23,16 @@ import casadi as ca
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 from climbplan.robots.symbols import build_rotation
-from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compile_trajectory
+from climbplan.solvers.ipopt.staged_program import CompiledStagedProgram, compile_staged_program
 from climbplan.walking.dynamics.dynamics import (
     BodyNumbers,
     knot_step,
     single_stage_knot_step,
     sum_contact_wrench,
 )
-from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
+from climbplan.walking.offline.pinned import FACETS, PinnedProgram, WalkIterate
 from climbplan.walking.task.task import ANGLE_RANGE, STATE, Gait, WalkTask
 
 EPSILON = 1e-3  # of c (1 - c) <= eps
@@ -92,7 +92,7 @@ class NlpShape:
 
 
 @lru_cache(maxsize=4)
-def compile_nlp(shape: NlpShape) -> CompiledTrajectory:
+def compile_nlp(shape: NlpShape) -> CompiledStagedProgram:
     """Compile the program of a shape."""
     walk = WalkNlp(shape)
     walk.formulation.relax(EPSILON)
@@ -106,7 +106,7 @@ def compile_nlp(shape: NlpShape) -> CompiledTrajectory:
         "bound_push": 1e-4,
         "bound_frac": 1e-4,
     }
-    return compile_trajectory(walk.formulation, settings, hessian=walk.build_hessian())
+    return compile_staged_program(walk.formulation, settings, hessian=walk.build_hessian())
 
 
 class WalkNlp:
@@ -115,7 +115,7 @@ class WalkNlp:
     def __init__(self, shape: NlpShape) -> None:
         N = shape.knots
         self.shape = shape
-        self.formulation = walk = Trajectory("walk", ca.SX)
+        self.formulation = walk = StagedProgram("walk", ca.SX)
         self.num_legs = L = len(shape.center) // 3
         tilt = np.array([np.inf] * 6 + [ANGLE_RANGE] * 2 + [np.inf] * 4)
         limit = np.full(3 * L, shape.force_limit)
@@ -280,7 +280,7 @@ class WalkNlp:
         walk.minimise("motion", w[7] * ca.sumsqr(x[n][:3] - x[n - 1][:3]))
 
 
-def build_parameters(task: WalkTask, gait: Gait, iterate: Iterate) -> dict[str, Array]:
+def build_parameters(task: WalkTask, gait: Gait, iterate: WalkIterate) -> dict[str, Array]:
     """Return the values of all parameters, in order of statement.
 
     Args:
@@ -317,7 +317,7 @@ def build_parameters(task: WalkTask, gait: Gait, iterate: Iterate) -> dict[str, 
     return numbers
 
 
-def _toes(task: WalkTask, gait: Gait, iterate: Iterate) -> Array:
+def _toes(task: WalkTask, gait: Gait, iterate: WalkIterate) -> Array:
     """Return all toes (N + 1, L, 3) of a motion, raised above the terrain under their swings."""
     program = PinnedProgram(task, gait)
     toes = program.compute_toes(iterate.state, iterate.spots)
@@ -326,7 +326,7 @@ def _toes(task: WalkTask, gait: Gait, iterate: Iterate) -> Array:
     return toes
 
 
-def build_variables(task: WalkTask, gait: Gait, iterate: Iterate) -> dict[str, Array]:
+def build_variables(task: WalkTask, gait: Gait, iterate: WalkIterate) -> dict[str, Array]:
     """Return the values of all variables at a motion of a gait, in order of statement."""
     toes = _toes(task, gait, iterate)
     knots = range(task.knots)

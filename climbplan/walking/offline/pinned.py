@@ -32,7 +32,7 @@ from climbplan.walking.kernels.parameters import (
     QpLayout,
     QpObjective,
     QpProblem,
-    RowBlock,
+    QpRows,
     ToePlacement,
 )
 from climbplan.walking.kernels.qp_assembly import assemble_qp, split_unknowns, write_force_cost
@@ -57,7 +57,7 @@ _MAX_ITERATIONS = 2000  # of DAQP; infeasible QPs end earlier
 
 
 @dataclass(frozen=True)
-class Iterate:
+class WalkIterate:
     """A point of linearisation."""
 
     state: Array  # (N + 1, 12)
@@ -240,7 +240,7 @@ class PinnedProgram:
             )
         )
 
-    def build_qp(self, iterate: Iterate) -> PinnedQp:
+    def build_qp(self, iterate: WalkIterate) -> PinnedQp:
         """Return the QP of the linearisation about an iterate."""
         task, qp = self.task, self._qp
         weights, foothold = task.weights, self.footing.foothold
@@ -266,7 +266,7 @@ class PinnedProgram:
         )
         point = LinearisationPoint(iterate.state, iterate.force, iterate.spots)
         states = AffineStates(qp.offset, qp.sensitivity)
-        block = RowBlock(rows, low, high)
+        block = QpRows(rows, low, high)
         buffers = QpBuffers(
             self._next_state, self._derivatives, states, qp.hessian, qp.gradient, block
         )
@@ -285,7 +285,7 @@ class PinnedProgram:
             footholds,
             states,
             self.force_scale,
-            RowBlock(qp.rows[joint_rows], qp.lower[joint_limits], qp.upper[joint_limits]),
+            QpRows(qp.rows[joint_rows], qp.lower[joint_limits], qp.upper[joint_limits]),
         )
         num_rows = self.first_joint_row + num_joint_rows
         if num_rows == len(qp.rows):
@@ -297,12 +297,12 @@ class PinnedProgram:
 
     def solve_qp(
         self,
-        iterate: Iterate,
+        iterate: WalkIterate,
         elastic: bool = False,
         soft: bool = False,
         max_iterations: int = _MAX_ITERATIONS,
         any_speed: bool = False,
-    ) -> Iterate | None:
+    ) -> WalkIterate | None:
         """Solve the QP of the linearisation about an iterate.
 
         `num_iterations` and `is_elastic` describe the solution afterwards.
@@ -385,10 +385,10 @@ class PinnedProgram:
         )
         return z, _SOLVED if is_solved else min(flag, _UNSOLVED)
 
-    def build_iterate(self, qp: PinnedQp, z: Array) -> Iterate:
+    def build_iterate(self, qp: PinnedQp, z: Array) -> WalkIterate:
         """Return the iterate of a solution, with the states that the QP predicts."""
         force, spots = self.split_solution(z)
-        return Iterate(qp.offset + qp.sensitivity @ z, force, spots)
+        return WalkIterate(qp.offset + qp.sensitivity @ z, force, spots)
 
     def _allocate_qp(self) -> PinnedQp:
         """Return the arrays of the QP with what no linearisation changes: friction and bounds."""

@@ -27,7 +27,7 @@ from climbplan.walking.offline.gaits import (
     generate_initial_gaits,
     has_enough_contacts,
 )
-from climbplan.walking.offline.pinned import Iterate
+from climbplan.walking.offline.pinned import WalkIterate
 from climbplan.walking.offline.sqp import COARSE_TOLERANCE, GaitAnswer, build_iterate, solve_gait
 from climbplan.walking.offline.warm_up import warm_up
 from climbplan.walking.plan.answer import Improvement, WalkAnswer
@@ -114,7 +114,7 @@ class _IteratedLocalSearch:
     def solve(
         self,
         gait: Gait,
-        start: Iterate | None,
+        start: WalkIterate | None,
         iterations: int,
         elastic: bool = True,
         ceiling: float = np.inf,

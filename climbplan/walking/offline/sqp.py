@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.offline.footing import build_footing
-from climbplan.walking.offline.pinned import Iterate, PinnedProgram
+from climbplan.walking.offline.pinned import PinnedProgram, WalkIterate
 from climbplan.walking.task.task import POSITION, STATE, VELOCITY, Gait, WalkTask, WalkTrajectory
 
 CONVERGENCE_TOLERANCE = 1e-7  # largest change of a state
@@ -41,7 +41,7 @@ REACH_SLACK = 1e-5  # [m]
 def solve_gait(
     task: WalkTask,
     gait: Gait,
-    start: Iterate | None = None,
+    start: WalkIterate | None = None,
     iterations: int = 12,
     margin: float = 0.0,
     agreement: float = CONVERGENCE_TOLERANCE,
@@ -94,18 +94,18 @@ def solve_gait(
     return GaitAnswer(trajectory, cost, violation, num_iterations, has_converged, predicted)
 
 
-def interpolate_iterates(first: Iterate, second: Iterate, fraction: float) -> Iterate:
+def interpolate_iterates(first: WalkIterate, second: WalkIterate, fraction: float) -> WalkIterate:
     """Return the point at a fraction of the way from one iterate to another."""
     if fraction == 1.0:
         return second
-    return Iterate(
+    return WalkIterate(
         first.state + fraction * (second.state - first.state),
         first.force + fraction * (second.force - first.force),
         first.spots + fraction * (second.spots - first.spots),
     )
 
 
-def roll_out(program: PinnedProgram, iterate: Iterate) -> WalkTrajectory:
+def roll_out(program: PinnedProgram, iterate: WalkIterate) -> WalkTrajectory:
     """Return the trajectory under the forces and footholds of an iterate."""
     toes = program.compute_toes(iterate.state, iterate.spots)
     state = program.roll_out(toes, iterate.force)
@@ -116,7 +116,7 @@ def roll_out(program: PinnedProgram, iterate: Iterate) -> WalkTrajectory:
     return WalkTrajectory(state, toes, force, program.gait)
 
 
-def guess_iterate(task: WalkTask, gait: Gait) -> Iterate:
+def guess_iterate(task: WalkTask, gait: Gait) -> WalkIterate:
     """Return an iterate with an even change of velocity and angles, and feet under the body."""
     state = guess_states(task)
     standing = gait.contact[:-1]
@@ -133,7 +133,7 @@ def guess_iterate(task: WalkTask, gait: Gait) -> Iterate:
         centers = stance[:, POSITION] + R @ task.body.toe_center[footing.leg[k]]
         spots[k] = centers[:, :2].mean(axis=0)
     spots = task.ground.project(footing.region, spots)
-    return Iterate(state, force, spots)
+    return WalkIterate(state, force, spots)
 
 
 def guess_states(task: WalkTask) -> Array:
@@ -153,7 +153,7 @@ def guess_states(task: WalkTask) -> Array:
     return state
 
 
-def build_iterate(trajectory: WalkTrajectory, gait: Gait) -> Iterate:
+def build_iterate(trajectory: WalkTrajectory, gait: Gait) -> WalkIterate:
     """Return an iterate of a gait from a trajectory of another one.
 
     Legs that stand in both keep their force. A leg that stands in `gait` only takes the mean force
@@ -167,4 +167,4 @@ def build_iterate(trajectory: WalkTrajectory, gait: Gait) -> Iterate:
     middle = (footing.first + footing.last) // 2
     stood = trajectory.gait.contact[footing.first, footing.leg]
     knot = np.where(stood, footing.first, middle)
-    return Iterate(trajectory.state, force, trajectory.toes[knot, footing.leg, :2])
+    return WalkIterate(trajectory.state, force, trajectory.toes[knot, footing.leg, :2])

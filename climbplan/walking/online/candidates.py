@@ -8,7 +8,7 @@ from climbplan.arrays import BoolArray
 from climbplan.walking.kernels.contact_phases import shift_horizon
 from climbplan.walking.kernels.toe_workspace import check_reach
 from climbplan.walking.offline.footing import build_footing, build_gait
-from climbplan.walking.offline.pinned import Iterate
+from climbplan.walking.offline.pinned import WalkIterate
 from climbplan.walking.online.gait_solver import REACH_TOLERANCE
 from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
 
@@ -51,18 +51,18 @@ def restrict_gait(task: WalkTask, gait: Gait, available: BoolArray) -> Gait | No
     return build_gait(contact, gait.region)
 
 
-def shift_plan(plan: WalkTrajectory) -> tuple[Gait, Iterate]:
+def shift_plan(plan: WalkTrajectory) -> tuple[Gait, WalkIterate]:
     """Shift a plan by one knot (receding horizon) and extend its rhythm by one knot."""
     contact, state, force, spots = shift_horizon(
         plan.gait.contact, plan.state, plan.force, plan.toes
     )
-    return build_flat_gait(contact), Iterate(state, force, spots)
+    return build_flat_gait(contact), WalkIterate(state, force, spots)
 
 
-def extract_iterate(plan: WalkTrajectory) -> Iterate:
+def extract_iterate(plan: WalkTrajectory) -> WalkIterate:
     """Return a plan as a point of linearisation."""
     footing = build_footing(plan.gait)
-    return Iterate(plan.state, plan.force[:-1], plan.toes[footing.first, footing.leg, :2])
+    return WalkIterate(plan.state, plan.force[:-1], plan.toes[footing.first, footing.leg, :2])
 
 
 def build_flat_gait(contact: BoolArray) -> Gait:

@@ -29,7 +29,12 @@ from climbplan.walking.online.contact_forces import LegForces
 from climbplan.walking.online.controller import OnlineController
 from climbplan.walking.online.estimation import SensorQuality
 from climbplan.walking.online.measurement import RobotMeasurement
-from climbplan.walking.online.stance import Phase, Stance, build_stance, extract_first_phase
+from climbplan.walking.online.stance import (
+    StancePhase,
+    ToeStance,
+    build_stance,
+    extract_first_phase,
+)
 from climbplan.walking.online.state_feedback import StateFeedback, StateNoise
 from climbplan.walking.task.task import STATE, VELOCITY, Gait, RigidBody, WalkTask, WalkTrajectory
 
@@ -116,7 +121,7 @@ def simulate_loop(
         report: receives the fraction that is done.
         deadline: of `time.monotonic` [s]; the walk ends at the first tick after it.
     """
-    return _Simulation(controller, start, scenario or LoopScenario(), seed).simulate(
+    return _LoopState(controller, start, scenario or LoopScenario(), seed).simulate(
         duration, report, deadline
     )
 
@@ -140,14 +145,14 @@ class _QueuedCommand:
     """The first interval of a command that is not yet in force."""
 
     sample: int  # at which it comes into force
-    phase: Phase
+    phase: StancePhase
     planned_state: Array  # (12,) from which the plan starts
     is_mid_interval: bool  # it replaces the rest of the present interval
     interval_start: int  # sample
     previous_end: int  # sample at which the interval would have ended
     interval_end: int  # sample
 
-    def apply_to(self, stance: Stance, task: WalkTask, state: Array) -> Stance:
+    def apply_to(self, stance: ToeStance, task: WalkTask, state: Array) -> ToeStance:
         """Return the stance once the command is in force, in a state (12,)."""
         if self.is_mid_interval:
             elapsed = self.sample - self.interval_start
@@ -159,7 +164,7 @@ class _QueuedCommand:
         return stance.start_phase(task, state, self.phase)
 
 
-class _Simulation:
+class _LoopState:
     """The simulation state between two samples."""
 
     def __init__(
@@ -175,7 +180,7 @@ class _Simulation:
         self.scheduled: dict[int, _QueuedCommand] = {}  # all commands, by first sample
         self.next_tick = 0
         self.push_sample: int | None = None  # of a push without a new plan
-        self.last_measurement: tuple[int, Array, Stance] | None = None
+        self.last_measurement: tuple[int, Array, ToeStance] | None = None
         self.dropout_rng = np.random.default_rng([seed, 1])
         self.tick_samples: list[int] = []
         self.pending_pushes = sorted(scenario.pushes, key=lambda push: push.time)
@@ -321,7 +326,7 @@ class _Simulation:
         self.queue.append(queued)
         self.scheduled[start_sample] = queued
 
-    def _measure(self, sample: int, *, may_drop: bool) -> tuple[Array, Stance, int]:
+    def _measure(self, sample: int, *, may_drop: bool) -> tuple[Array, ToeStance, int]:
         """Return the state (12,), the stance, and the sample of the latest measurement."""
         state, toes = self.feedback.read_state_and_toes(self.state, self.stance)
         stance, measured_at = self.stance.replace_toes(toes), sample
@@ -346,8 +351,8 @@ class _Simulation:
         return latest.interval_start, latest.interval_end
 
     def predict(
-        self, state: Array, stance: Stance, from_sample: int, until_sample: int
-    ) -> tuple[Array, Stance]:
+        self, state: Array, stance: ToeStance, from_sample: int, until_sample: int
+    ) -> tuple[Array, ToeStance]:
         """Predict state and stance at a later sample under the commands in force until then."""
         body = self.task.body
         for sample in range(from_sample, until_sample):

@@ -9,7 +9,7 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.check.reference_dynamics import transform_toes_to_body
 from climbplan.walking.kernels.body import integrate_rk4
 from climbplan.walking.online.admittance import AdmittanceController, AdmittanceGains, limit_forces
-from climbplan.walking.online.stance import Stance
+from climbplan.walking.online.stance import ToeStance
 from climbplan.walking.task.task import ANGLES, POSITION, SPIN, VELOCITY, WalkTask
 
 
@@ -32,7 +32,7 @@ class LegForces:
         self._planned_state: Array | None = None  # (12,) planned for the last sample
         self._planned_toes: Array | None = None  # (L, 3) planned `_start_toes`
 
-    def start_phase(self, state: Array, stance: Stance) -> None:
+    def start_phase(self, state: Array, stance: ToeStance) -> None:
         """Start a phase in a state (12,)."""
         plan = stance.phase.plan
         self._planned_state = None
@@ -42,7 +42,7 @@ class LegForces:
             self._planned_state = plan.state[0].copy()
             self._planned_toes = transform_toes_to_body(self._planned_state, plan.toes[0])
 
-    def compute_forces(self, state: Array, stance: Stance, contact: BoolArray) -> Array:
+    def compute_forces(self, state: Array, stance: ToeStance, contact: BoolArray) -> Array:
         """Return the contact forces (L, 3) of one sample of the phase, world frame [N].
 
         Args:

@@ -20,7 +20,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.walking.kernels.body import NUM_SUBSTEPS, integrate_rk4
 from climbplan.walking.offline.footing import build_footing
 from climbplan.walking.offline.gaits import repeat_gait
-from climbplan.walking.offline.pinned import Iterate
+from climbplan.walking.offline.pinned import WalkIterate
 from climbplan.walking.online.candidate_selection import (
     NAMED_GAIT,
     PLAN_CONTINUES,
@@ -92,7 +92,7 @@ class OnlineSettings:
 
 
 @dataclass(frozen=True)
-class _Prediction:
+class _PredictedState:
     """The state after a plan's first interval; without a plan, the task's start."""
 
     task: WalkTask
@@ -111,13 +111,13 @@ class _Prediction:
 
 
 @dataclass(frozen=True)
-class _Candidate:
+class _GaitCandidate:
     """A gait with its origin and a first point of linearisation."""
 
     source: int
     gait: Gait
     # First point of linearisation, possibly built on demand; None for uniform motion
-    iterate: Iterate | Callable[[], Iterate] | None
+    iterate: WalkIterate | Callable[[], WalkIterate] | None
     is_elastic: bool = False  # workspace rows may be violated at a penalty
     has_short_interval: bool = False  # first interval of `RobotMeasurement.short_interval`
 
@@ -159,7 +159,7 @@ class OnlineController:
         self._solver = GaitSolver(self.task, settings.margin, settings.neighbour_region_fraction)
         self._previous_plan: WalkTrajectory | None = None
         # Used at the next tick where its measurement is faulty
-        self._prediction = _Prediction(self.task, task.start.state)
+        self._prediction = _PredictedState(self.task, task.start.state)
         self._ticks_since_search = 0
         # (L,) ticks for which each leg must not stand
         self._distrusted_ticks = np.zeros(task.body.leg_count, np.int64)
@@ -287,7 +287,7 @@ class OnlineController:
             warnings[-1] += ", the nearest is taken"
         plan = selected.trajectory
         self._previous_plan = plan
-        self._prediction = _Prediction(task, plan.state[1], plan)
+        self._prediction = _PredictedState(task, plan.state[1], plan)
         return selection.build_command(
             plan, selected.source, selected.first_interval, ", and ".join(warnings)
         )
@@ -295,7 +295,7 @@ class OnlineController:
     def reset(self) -> None:
         """Forget the previous plan and all distrusted contacts."""
         self._previous_plan, self._ticks_since_search = None, 0
-        self._prediction = _Prediction(self.task, self.task.start.state)
+        self._prediction = _PredictedState(self.task, self.task.start.state)
         self._distrusted_ticks[:] = 0
 
     @property
@@ -315,7 +315,7 @@ class OnlineController:
             self.task, repeat_gait("stand", self.task.body.leg_count, SECTION), None
         )
         find_reachable_legs(self.task)
-        named = _Candidate(NAMED_GAIT, stand, None, is_elastic=True)
+        named = _GaitCandidate(NAMED_GAIT, stand, None, is_elastic=True)
         self._solve_candidate(
             self.task,
             stand,
@@ -330,9 +330,9 @@ class OnlineController:
         measurement: RobotMeasurement,
         selection: CandidateSelection,
         available: BoolArray,
-    ) -> Iterator[_Candidate]:
+    ) -> Iterator[_GaitCandidate]:
         """Yield the shifted previous plan, library sections, and named gaits as a fallback."""
-        offered: list[_Candidate] = []
+        offered: list[_GaitCandidate] = []
         allow_short = measurement.short_interval > 0
         starts_short = allow_short and available.sum() < task.min_contacts
         if self._previous_plan is not None and not self._is_published_form:
@@ -343,7 +343,7 @@ class OnlineController:
                 (plan.gait, extract_iterate(plan)) if is_mid_interval else shift_plan(plan)
             )
             gait = continue_regions(task, gait, iterate, plan, SECTION + is_mid_interval)
-            offered.append(_Candidate(PREVIOUS_PLAN, gait, iterate))
+            offered.append(_GaitCandidate(PREVIOUS_PLAN, gait, iterate))
             yield replace(offered[-1], has_short_interval=True) if starts_short else offered[-1]
         reference = task.reference
         features = compute_features(measurement, float(reference.height[0]), reference.velocity[0])
@@ -374,11 +374,11 @@ class OnlineController:
             gait = build_terrain_gait(
                 task, repeat_gait(name, task.body.leg_count, SECTION, phase), None
             )
-            yield _Candidate(
+            yield _GaitCandidate(
                 NAMED_GAIT, gait, None, is_elastic=True, has_short_interval=allow_short
             )
 
-    def _build_section_candidate(self, task: WalkTask, index: int, base: Array) -> _Candidate:
+    def _build_section_candidate(self, task: WalkTask, index: int, base: Array) -> _GaitCandidate:
         """Return a section of the library as a candidate, translated to the body's position."""
         state = None if task.ground.is_flat_everywhere else self._translate_states(index, base)
         gait = None if state is not None else self._flat_gaits.get(index)
@@ -386,13 +386,13 @@ class OnlineController:
             gait = build_terrain_gait(task, self.library.contact[index], state)
             if state is None:
                 self._flat_gaits[index] = gait
-        return _Candidate(index, gait, partial(self._build_section_iterate, gait, index, base))
+        return _GaitCandidate(index, gait, partial(self._build_section_iterate, gait, index, base))
 
-    def _build_section_iterate(self, gait: Gait, index: int, base: Array) -> Iterate:
+    def _build_section_iterate(self, gait: Gait, index: int, base: Array) -> WalkIterate:
         """Return a section's translated motion as a point of linearisation."""
         footing, library = build_footing(gait), self.library
         spots = library.toes[index][footing.first, footing.leg, :2] + base[:2]
-        return Iterate(self._translate_states(index, base), library.force[index, :-1], spots)
+        return WalkIterate(self._translate_states(index, base), library.force[index, :-1], spots)
 
     def _translate_states(self, index: int, base: Array) -> Array:
         """Return the states of a section, translated by base (3,)."""
@@ -404,8 +404,8 @@ class OnlineController:
         self,
         task: WalkTask,
         gait: Gait,
-        candidate: _Candidate,
-        initial_iterate: Iterate | None,
+        candidate: _GaitCandidate,
+        initial_iterate: WalkIterate | None,
         selection: CandidateSelection,
     ) -> GaitSolution | None:
         """Solve a candidate's program; continue the SQP where this tick has begun it before."""
@@ -449,7 +449,7 @@ class OnlineController:
             walk.force[0],
         )
         if np.isfinite(next_state).all():
-            self._prediction = _Prediction(task, next_state, walk)
+            self._prediction = _PredictedState(task, next_state, walk)
         return selection.build_command(walk, SAFE_STANCE, first_interval, f"safe stance: {reason}")
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray
 from climbplan.walking.offline.footing import build_gait
 from climbplan.walking.offline.gaits import assign_regions
-from climbplan.walking.offline.pinned import Iterate
+from climbplan.walking.offline.pinned import WalkIterate
 from climbplan.walking.online.candidates import build_flat_gait
 from climbplan.walking.problem.problem import compute_ground_height
 from climbplan.walking.task.ground import Ground
@@ -39,7 +39,7 @@ def build_terrain_gait(task: WalkTask, contact: BoolArray, states: Array | None)
 
 
 def continue_regions(
-    task: WalkTask, gait: Gait, iterate: Iterate, previous_plan: WalkTrajectory, num_shared: int
+    task: WalkTask, gait: Gait, iterate: WalkIterate, previous_plan: WalkTrajectory, num_shared: int
 ) -> Gait:
     """Return a shifted gait with the previous plan's regions and best-fitting ones for new stances.
 

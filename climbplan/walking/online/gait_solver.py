@@ -19,7 +19,7 @@ from climbplan.arrays import Array
 from climbplan.walking.kernels.body import NUM_SUBSTEPS
 from climbplan.walking.kernels.continuous_rollout import validate_by_rollout
 from climbplan.walking.kernels.parameters import LinearisationPoint
-from climbplan.walking.offline.pinned import Iterate, PinnedProgram
+from climbplan.walking.offline.pinned import PinnedProgram, WalkIterate
 from climbplan.walking.offline.sqp import guess_iterate
 from climbplan.walking.published.program import PublishedProgram
 from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
@@ -79,7 +79,7 @@ class IterationBudget:
 class SqpProgress:
     """The SQP iterations of one gait within a tick."""
 
-    iterate: Iterate  # point of the next linearisation
+    iterate: WalkIterate  # point of the next linearisation
     best: GaitSolution | None = None
     num_qps: int = 0  # that had a solution
     is_stuck: bool = False  # the last QP was infeasible
@@ -124,7 +124,7 @@ class GaitSolver:
         return program
 
     def initialise_progress(
-        self, task: WalkTask, program: PinnedProgram, initial_iterate: Iterate | None
+        self, task: WalkTask, program: PinnedProgram, initial_iterate: WalkIterate | None
     ) -> SqpProgress:
         """Start the SQP of a gait.
 
@@ -196,7 +196,7 @@ class GaitSolver:
         self,
         task: WalkTask,
         program: PinnedProgram,
-        initial_iterate: Iterate,
+        initial_iterate: WalkIterate,
         budget: IterationBudget,
     ) -> GaitSolution | None:
         """Solve the published program in the regions of an iterate; return None if OSQP fails."""
@@ -213,7 +213,7 @@ class GaitSolver:
         return None if answer.iterate is None else self.validate(task, program, answer.iterate)
 
     def validate(
-        self, task: WalkTask, program: PinnedProgram, iterate: Iterate
+        self, task: WalkTask, program: PinnedProgram, iterate: WalkIterate
     ) -> GaitSolution | None:
         """Validate an iterate: roll out its forces in continuous time and compare with its states.
 
@@ -253,7 +253,7 @@ class GaitSolver:
         )
 
 
-def fit_iterate(task: WalkTask, program: PinnedProgram, iterate: Iterate) -> Iterate:
+def fit_iterate(task: WalkTask, program: PinnedProgram, iterate: WalkIterate) -> WalkIterate:
     """Return the iterate with forces and footholds of the program's standing legs only."""
     standing = program.gait.contact[:-1]
     force: Array = np.where(standing[..., None], iterate.force, 0.0)
@@ -262,4 +262,4 @@ def fit_iterate(task: WalkTask, program: PinnedProgram, iterate: Iterate) -> Ite
         spots = guess_iterate(task, program.gait).spots
     if not task.ground.is_flat_everywhere:
         spots = task.ground.project(program.footing.region, spots)
-    return Iterate(iterate.state, force, spots)
+    return WalkIterate(iterate.state, force, spots)

@@ -14,7 +14,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import LimitReached, UsageError
 from climbplan.robots.leg_order import MIRROR_POINT, MIRROR_TURN, mirror_legs
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_datasets, write_text
 from climbplan.walking.offline.search import SearchLimits, search
@@ -42,12 +42,14 @@ _INITIAL_GAITS = ("trot", "walking trot", "slow trot", "stand")  # first candida
 SECTION = 5  # intervals of a section
 # K sections of M samples (one more than intervals), F features, L legs
 _LAYOUT = {
-    "features": Layout(("K", "F")),
-    "state": Layout(("K", "M", STATE), "m, m/s, rad, rad/s", "world, from the first position"),
-    "toes": Layout(("K", "M", "L", 3), "m", "world, from the first position"),
-    "force": Layout(("K", "M", "L", 3), "N", "world"),
-    "contact": Layout(("K", "M", "L"), kind="bool"),
-    "walk": Layout(("K",), kind="int"),
+    "features": DatasetLayout(("K", "F")),
+    "state": DatasetLayout(
+        ("K", "M", STATE), "m, m/s, rad, rad/s", "world, from the first position"
+    ),
+    "toes": DatasetLayout(("K", "M", "L", 3), "m", "world, from the first position"),
+    "force": DatasetLayout(("K", "M", "L", 3), "N", "world"),
+    "contact": DatasetLayout(("K", "M", "L"), kind="bool"),
+    "walk": DatasetLayout(("K",), kind="int"),
 }
 
 

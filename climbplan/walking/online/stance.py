@@ -20,7 +20,7 @@ LIFT_OFF_VIOLATION = 0.019  # [m] outside its box at which a standing toe lifts 
 
 
 @dataclass(frozen=True)
-class Phase:
+class StancePhase:
     """The legs' task during one interval of a plan."""
 
     contact: BoolArray  # (L,) legs in stance
@@ -28,7 +28,7 @@ class Phase:
     landing: Array  # (L, 3) planned landings of swinging toes [m]
     plan: WalkTrajectory | None = None  # None before the first command
 
-    def transform_to_state(self, task: WalkTask, state: Array) -> Phase:
+    def transform_to_state(self, task: WalkTask, state: Array) -> StancePhase:
         """Return the phase rotated and shifted from the planned first state to a true state (12,).
 
         Legs act in the body frame: forces and landings follow the error of the estimated state.
@@ -44,27 +44,27 @@ class Phase:
 
 
 @dataclass(frozen=True)
-class Stance:
+class ToeStance:
     """Positions and swing progress of the toes between two commands."""
 
     toes: Array  # (L, 3) stance positions, lift-off positions of swinging toes [m]
     previous_toes: Array  # (L, 3) one phase earlier
     previous_contact: BoolArray  # (L,) contacts of the previous phase
-    phase: Phase
+    phase: StancePhase
     # (L,) fractions of the phase, and of the whole swing, at which the swing trajectories begin
     swing_start: Array
     swing_phase_start: Array
 
-    def start_phase(self, task: WalkTask, state: Array, phase: Phase) -> Stance:
+    def start_phase(self, task: WalkTask, state: Array, phase: StancePhase) -> ToeStance:
         """Return the stance at the start of the next phase: swinging legs touch down."""
         touchdown = limit_landing(task, state, self.phase.landing)
         toes = np.where(self.phase.contact[:, None], self.toes, touchdown)
         zeros = np.zeros(len(toes))
-        return Stance(toes, self.toes, self.phase.contact, phase, zeros, zeros)
+        return ToeStance(toes, self.toes, self.phase.contact, phase, zeros, zeros)
 
     def replace_plan(
-        self, task: WalkTask, phase: Phase, elapsed: float, new_elapsed: float
-    ) -> Stance:
+        self, task: WalkTask, phase: StancePhase, elapsed: float, new_elapsed: float
+    ) -> ToeStance:
         """Return the stance under another plan for the rest of the phase.
 
         Standing legs may lift off; swinging legs continue from their present positions.
@@ -93,7 +93,7 @@ class Stance:
         toes[airborne, :2] = self.compute_toes(task, fraction)[airborne, :2]
         return toes
 
-    def lift_unreachable_feet(self, task: WalkTask, state: Array, fraction: float) -> Stance:
+    def lift_unreachable_feet(self, task: WalkTask, state: Array, fraction: float) -> ToeStance:
         """Lift standing feet at the edge of their workspace in a state (12,); the others balance.
 
         The planned forces of all legs would turn the body over without these feet. Lifted feet
@@ -112,7 +112,9 @@ class Stance:
         end_state[POSITION] += (1.0 - fraction) * task.dt * state[VELOCITY]
         return self.lift_legs(legs, force, limit_landing(task, end_state, self.toes), fraction)
 
-    def lift_legs(self, legs: BoolArray, force: Array, landing: Array, fraction: float) -> Stance:
+    def lift_legs(
+        self, legs: BoolArray, force: Array, landing: Array, fraction: float
+    ) -> ToeStance:
         """Return the stance with some standing legs in swing.
 
         Args:
@@ -192,7 +194,7 @@ class Stance:
             toes[leg, 2] = nearer_height + vertical * (top - nearer_height)
         return toes
 
-    def replace_toes(self, toes: Array) -> Stance:
+    def replace_toes(self, toes: Array) -> ToeStance:
         """Return the stance as the controller knows it: measured toes, and the planned phase.
 
         Its world frame may have drifted from the true one. Contacts are measured.
@@ -207,18 +209,18 @@ class Stance:
         return replace(self, toes=toes, phase=phase)
 
 
-def extract_first_phase(plan: WalkTrajectory) -> Phase:
+def extract_first_phase(plan: WalkTrajectory) -> StancePhase:
     """Return the first interval of a plan."""
-    return Phase(plan.gait.contact[0], plan.force[0], plan.toes[1], plan)
+    return StancePhase(plan.gait.contact[0], plan.force[0], plan.toes[1], plan)
 
 
-def build_stance(task: WalkTask, toes: Array) -> Stance:
+def build_stance(task: WalkTask, toes: Array) -> ToeStance:
     """Return the stance of all legs with equal fractions of the weight."""
     force = np.zeros_like(toes)
     force[:, 2] = task.weight / len(toes)
     all_legs = np.ones(len(toes), bool)
     zeros = np.zeros(len(toes))
-    return Stance(toes, toes, all_legs, Phase(all_legs, force, toes), zeros, zeros)
+    return ToeStance(toes, toes, all_legs, StancePhase(all_legs, force, toes), zeros, zeros)
 
 
 def limit_landing(task: WalkTask, state: Array, landing: Array) -> Array:

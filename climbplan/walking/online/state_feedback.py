@@ -15,7 +15,7 @@ from climbplan.walking.online.estimation import (
     SensorSample,
     logarithm,
 )
-from climbplan.walking.online.stance import Stance
+from climbplan.walking.online.stance import ToeStance
 from climbplan.walking.task.task import ANGLES, POSITION, SPIN, STATE, VELOCITY, WalkTask
 
 
@@ -161,7 +161,7 @@ class StateFeedback:
             return 0.0
         return self._ekf.velocity_std
 
-    def read_state_and_toes(self, state: Array, stance: Stance) -> tuple[Array, Array]:
+    def read_state_and_toes(self, state: Array, stance: ToeStance) -> tuple[Array, Array]:
         """Return the fed-back state (12,) and toes (L, 3); a filter has heights above ground."""
         if self._ekf is None or self._last_sample is None:
             return self._perturb_state(state, stance.toes)

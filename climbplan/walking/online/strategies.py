@@ -11,8 +11,8 @@ from climbplan.arrays import Array, IntArray
 from climbplan.learning.boosting import fit_boosting
 from climbplan.learning.clusters import ClusterOptions, cluster_solutions
 from climbplan.learning.forest import fit_forest
-from climbplan.learning.library import Frame
 from climbplan.learning.library import Library as Rows
+from climbplan.learning.library import ProgramSignature
 from climbplan.learning.network import fit_network
 from climbplan.walking.online.library import SectionLibrary
 from climbplan.walking.task.task import POSITION
@@ -94,7 +94,7 @@ class GaitRanking:
         return np.array(best, np.int64)
 
 
-class ClusterRanking:
+class SectionClusterRanking:
     """A ranking by clusters of solutions: the gaits of the likeliest cluster, nearest first.
 
     A cluster's reduced mixed-integer program chooses among the contact combinations that occur in
@@ -168,7 +168,7 @@ def train_strategy(name: StrategyName, library: SectionLibrary, seed: int) -> Ra
         cluster = cluster_sections(library, seed)
         count = int(cluster.max()) + 1
         model = fit_forest(library.features, cluster, count, _TREES, _DEPTH, seed)
-        return ClusterRanking(library, cluster, gait, model)
+        return SectionClusterRanking(library, cluster, gait, model)
     if name == "boosting":  # knows contacts one by one, and so all gaits
         return GaitRanking(library, gait, fit_boosting(rows, _ROUNDS, _RATE, _LEAVES, seed))
     gait, classes = select_commonest(gait, classes, _MAX_GAITS)
@@ -201,5 +201,5 @@ def select_commonest(labels: IntArray, classes: int, max_classes: int) -> tuple[
 def _build_training_rows(library: SectionLibrary) -> Rows:
     """Return sections as solved problems whose integers are their contacts."""
     bits = library.contact.reshape(len(library), -1).astype(float)
-    frame = Frame("walk", np.ones(bits.shape[1], bool), np.zeros(0, np.int64))
+    frame = ProgramSignature("walk", np.ones(bits.shape[1], bool), np.zeros(0, np.int64))
     return Rows.of(frame, library.features, bits, np.zeros(len(bits)))

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from pathlib import Path as FilePath
+from pathlib import StaticLines as FilePath
 
 import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.reports import palette
-from climbplan.reports.viewer.scene import Boxes, Forces, Path, Rods, Scene, Shape, build_polygons
+from climbplan.reports.viewer.scene import (
+    Boxes,
+    ForceArrows,
+    Rods,
+    StaticLines,
+    StaticMesh,
+    ViewerScene,
+    build_polygons,
+)
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.plan.file import read_walk_plan
 from climbplan.walking.plan.foot_centres import restore_surface
@@ -20,7 +28,7 @@ _THICKNESS = 0.07  # [m] of the body as it is drawn: the model has no shape
 _AROUND = 0.6  # [m] of ground drawn beyond the walk
 
 
-def read_scene(path: FilePath) -> Scene:
+def read_scene(path: FilePath) -> ViewerScene:
     """Read the scene of an MPC plan file; legs are straight lines from hip to toe.
 
     Raises:
@@ -29,7 +37,7 @@ def read_scene(path: FilePath) -> Scene:
     return build_walk_scene(read_walk_plan(path))
 
 
-def build_walk_scene(plan: WalkPlan) -> Scene:
+def build_walk_scene(plan: WalkPlan) -> ViewerScene:
     """Build the scene of a plan."""
     task, trajectory = plan.task, plan.trajectory
     count = len(trajectory.state)
@@ -44,7 +52,7 @@ def build_walk_scene(plan: WalkPlan) -> Scene:
     every = 1 if plan.loop is None else plan.loop.samples
     points = np.concatenate([trajectory.toes.reshape(-1, 3), center])
     lower, upper = points.min(axis=0) - 0.1, points.max(axis=0) + 0.1
-    return Scene(
+    return ViewerScene(
         title=plan.name,
         facts=(
             f"{task.body.name}, {task.body.mass:g} kg, {plan.method}",
@@ -54,7 +62,7 @@ def build_walk_scene(plan: WalkPlan) -> Scene:
         caption=_write_captions(plan),
         marks=np.arange(0, count, every),
         shapes=_build_ground(plan, lower, upper),
-        paths=(Path("body", np.stack([center[:-1], center[1:]], axis=1), palette.TRACE),),
+        paths=(StaticLines("body", np.stack([center[:-1], center[1:]], axis=1), palette.TRACE),),
         rods=Rods(
             legs,
             np.full(plan.task.body.leg_count, _RADIUS),
@@ -67,7 +75,7 @@ def build_walk_scene(plan: WalkPlan) -> Scene:
             (palette.BODY,),
             0.85,
         ),
-        forces=Forces(
+        forces=ForceArrows(
             point=trajectory.toes,
             force=force,
             normal=standing[..., None] * np.array([0.0, 0.0, 1.0]),
@@ -94,7 +102,7 @@ def _write_captions(plan: WalkPlan) -> tuple[str, ...]:
     return tuple(texts)
 
 
-def _build_ground(plan: WalkPlan, lower: Array, upper: Array) -> tuple[Shape, ...]:
+def _build_ground(plan: WalkPlan, lower: Array, upper: Array) -> tuple[StaticMesh, ...]:
     """Build the shapes of the terrain within a rectangle."""
     ground, shapes = restore_surface(plan.task.ground), []
     low, high = lower[:2] - _AROUND, upper[:2] + _AROUND

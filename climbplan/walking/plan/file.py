@@ -8,7 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets, write_text
 from climbplan.store.root_attributes import (
@@ -36,33 +36,33 @@ FORMAT_VERSION = 1
 
 # T samples, S regions, H improvements; legs in the order of robot/leg_names
 SAMPLES = {
-    "time": Layout(("T",), "s"),
-    "com": Layout(("T", 3), "m", "world"),
-    "velocity": Layout(("T", 3), "m/s", "world"),
-    "euler_zyx": Layout(("T", 3), "rad", "roll, pitch, yaw of R = Rz Ry Rx, body to world"),
-    "angular_velocity": Layout(("T", 3), "rad/s", "world"),
-    "toes": Layout(("T", "L", 3), "m", "world"),
-    "contact": Layout(("T", "L"), kind="bool"),
-    "region": Layout(("T", "L"), kind="int"),
-    "force": Layout(("T", "L", 3), "N", "world, on the robot"),
-    "reference/velocity": Layout(("T", 3), "m/s", "world"),
-    "reference/euler_zyx": Layout(("T", 3), "rad", "roll, pitch, yaw"),
-    "reference/height": Layout(("T",), "m", "world"),
+    "time": DatasetLayout(("T",), "s"),
+    "com": DatasetLayout(("T", 3), "m", "world"),
+    "velocity": DatasetLayout(("T", 3), "m/s", "world"),
+    "euler_zyx": DatasetLayout(("T", 3), "rad", "roll, pitch, yaw of R = Rz Ry Rx, body to world"),
+    "angular_velocity": DatasetLayout(("T", 3), "rad/s", "world"),
+    "toes": DatasetLayout(("T", "L", 3), "m", "world"),
+    "contact": DatasetLayout(("T", "L"), kind="bool"),
+    "region": DatasetLayout(("T", "L"), kind="int"),
+    "force": DatasetLayout(("T", "L", 3), "N", "world, on the robot"),
+    "reference/velocity": DatasetLayout(("T", 3), "m/s", "world"),
+    "reference/euler_zyx": DatasetLayout(("T", 3), "rad", "roll, pitch, yaw"),
+    "reference/height": DatasetLayout(("T",), "m", "world"),
 }
 HISTORY = {
-    "seconds": Layout(("H",), "s"),
-    "objective": Layout(("H",), "", may_be_infinite=True),
-    "bound": Layout(("H",), "", may_be_infinite=True),
+    "seconds": DatasetLayout(("H",), "s"),
+    "objective": DatasetLayout(("H",), "", may_be_infinite=True),
+    "bound": DatasetLayout(("H",), "", may_be_infinite=True),
 }
 LOOP = {
-    "push": Layout(("T", 3), "m/s", "world"),
-    "tick_time": Layout(("T",), "s"),
-    "solve_time": Layout(("T",), "s"),
-    "candidates_tried": Layout(("T",), kind="int"),
-    "winner": Layout(("T",), kind="int"),
+    "push": DatasetLayout(("T", 3), "m/s", "world"),
+    "tick_time": DatasetLayout(("T",), "s"),
+    "solve_time": DatasetLayout(("T",), "s"),
+    "candidates_tried": DatasetLayout(("T",), kind="int"),
+    "winner": DatasetLayout(("T",), kind="int"),
 }
-BEGUN = Layout(("T", STATE), "m, m/s, rad, rad/s", "world, as com, velocity, euler_zyx, ...")
-_TEXTS = Layout(("*",), kind="text")
+BEGUN = DatasetLayout(("T", STATE), "m, m/s, rad, rad/s", "world, as com, velocity, euler_zyx, ...")
+_TEXTS = DatasetLayout(("*",), kind="text")
 _DEFAULT_SAMPLES = 16  # in an interval, for files without the attribute
 _NOTES = {
     "axes": "body frame x forward, y left, z up; world frame z up",

@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.walking_legs import WalkingLegs
-from climbplan.store.hdf5_layout import Layout
+from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader
 from climbplan.store.hdf5_writing import write_dataset, write_datasets, write_text
 from climbplan.walking.task.ground import Ground
@@ -25,49 +25,53 @@ from climbplan.walking.task.task import (
 
 # S regions; L legs in the order of robot/leg_names
 ROBOT = {
-    "inertia": Layout((3, 3), "kg m^2", "body"),
-    "toe_center": Layout(("L", 3), "m", "body"),
-    "toe_half": Layout((3,), "m", "body"),
-    "leg_names": Layout(("L",), kind="text"),
+    "inertia": DatasetLayout((3, 3), "kg m^2", "body"),
+    "toe_center": DatasetLayout(("L", 3), "m", "body"),
+    "toe_half": DatasetLayout((3,), "m", "body"),
+    "leg_names": DatasetLayout(("L",), kind="text"),
 }
 # Planes that toes stand on; attributes `edge` and, of spherical feet, `standoff` [m]: how far they
 # lie before the ground, along its normals
 GROUND = {
-    "lower": Layout(("S", 2), "m", "world"),
-    "upper": Layout(("S", 2), "m", "world"),
-    "height": Layout(("S",), "m", "world"),
-    "names": Layout(("S",), kind="text"),
+    "lower": DatasetLayout(("S", 2), "m", "world"),
+    "upper": DatasetLayout(("S", 2), "m", "world"),
+    "height": DatasetLayout(("S",), "m", "world"),
+    "names": DatasetLayout(("S",), kind="text"),
 }
 SHAPES = {  # of grounds that are not level rectangles, C corners
-    "slope": Layout(("S", 2), "", "rise along x and y of the world"),
-    "corners": Layout(("S", "C", 2), "m", "world"),
+    "slope": DatasetLayout(("S", 2), "", "rise along x and y of the world"),
+    "corners": DatasetLayout(("S", "C", 2), "m", "world"),
 }
 START = {
-    "state": Layout((12,), "m, m/s, rad, rad/s", "world"),
-    "toes": Layout(("L", 3), "m", "world"),
+    "state": DatasetLayout((12,), "m, m/s, rad, rad/s", "world"),
+    "toes": DatasetLayout(("L", 3), "m", "world"),
 }
 
 
 LEGS_OF_URDF = {  # of a robot from a URDF: chains of J joints at zero angles
-    "joint_zero": Layout(("L", "J", 3), "m", "body, points on the joint axes at zero angles"),
-    "axis_zero": Layout(("L", "J", 3), "", "body, unit axes of joints at zero angles"),
-    "toe_zero": Layout(("L", 3), "m", "body, at zero angles"),
-    "posture": Layout(("L", "J"), "rad", "as it stands"),
+    "joint_zero": DatasetLayout(
+        ("L", "J", 3), "m", "body, points on the joint axes at zero angles"
+    ),
+    "axis_zero": DatasetLayout(("L", "J", 3), "", "body, unit axes of joints at zero angles"),
+    "toe_zero": DatasetLayout(("L", 3), "m", "body, at zero angles"),
+    "posture": DatasetLayout(("L", "J"), "rad", "as it stands"),
 }
 # Of legs with joints that slide, or that mimic others, alone
 MORE_OF_LEGS = {
-    "slide_zero": Layout(("L", "J", 3), "", "body, unit, of joints that slide at zero angles"),
-    "drive": Layout(("L", "J", "J"), "", "motions of joints by angles"),
+    "slide_zero": DatasetLayout(
+        ("L", "J", 3), "", "body, unit, of joints that slide at zero angles"
+    ),
+    "drive": DatasetLayout(("L", "J", "J"), "", "motions of joints by angles"),
 }
 MOTORS = {  # of joints that slide in m, N and m/s
-    "lower": Layout(("L", "J"), "rad"),
-    "upper": Layout(("L", "J"), "rad"),
-    "max_torque": Layout(("L", "J"), "N m"),
-    "max_speed": Layout(("L", "J"), "rad/s"),
+    "lower": DatasetLayout(("L", "J"), "rad"),
+    "upper": DatasetLayout(("L", "J"), "rad"),
+    "max_torque": DatasetLayout(("L", "J"), "N m"),
+    "max_speed": DatasetLayout(("L", "J"), "rad/s"),
 }
-_NAMES = Layout(("M",), kind="text")  # leg by leg
-WEIGHTS = {"velocity": Layout((3,)), "angles": Layout((3,))}
-GOAL = {"lower": Layout((2,), "m", "world"), "upper": Layout((2,), "m", "world")}
+_NAMES = DatasetLayout(("M",), kind="text")  # leg by leg
+WEIGHTS = {"velocity": DatasetLayout((3,)), "angles": DatasetLayout((3,))}
+GOAL = {"lower": DatasetLayout((2,), "m", "world"), "upper": DatasetLayout((2,), "m", "world")}
 
 
 def write_task(file: h5py.File, task: WalkTask) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.errors import NoPlanFound, SpecError
 from climbplan.robots.urdf.pinocchio_model import build_urdf_model
-from climbplan.robots.urdf.proposal.prepared_robot import Proposal
+from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
 from climbplan.robots.urdf.proposal.robot_document import format_robot_document
 from climbplan.robots.urdf.proposal.walk_document import STANCE_INTERVALS, format_walk_document
 from climbplan.robots.urdf.proposal.walking_stance import propose_walking_stances
@@ -37,7 +37,7 @@ class ProposedWalk:
     """The walking spec of a robot, or the reason for none, and the outcome of planning it."""
 
     what: str
-    proposal: Proposal  # in the posture of the walk
+    proposal: RobotProposal  # in the posture of the walk
     text: str  # empty where the robot cannot walk by `plan-mpc`
     plan: WalkPlan | None  # verified, and as fast as its reference; else None
     message: str  # "verified" with the speed or yaw that it reaches; else the reason
@@ -47,7 +47,7 @@ class ProposedWalk:
 
 
 def plan_proposed_walk(
-    proposal: Proposal, robot_file: str, other_file: str, turns: bool = False
+    proposal: RobotProposal, robot_file: str, other_file: str, turns: bool = False
 ) -> ProposedWalk:
     """Plan a walk of the robot as it stands, or else in other postures.
 
@@ -75,7 +75,9 @@ def plan_proposed_walk(
     return replace(first, message="; ".join(dict.fromkeys(messages)))
 
 
-def plan_walk_as_proposed(proposal: Proposal, robot_file: str, turns: bool = False) -> ProposedWalk:
+def plan_walk_as_proposed(
+    proposal: RobotProposal, robot_file: str, turns: bool = False
+) -> ProposedWalk:
     """Plan a walk of the robot in one posture.
 
     A walk that lags behind its reference is planned again, with more haste. A turn is planned again
@@ -112,7 +114,7 @@ def plan_walk_as_proposed(proposal: Proposal, robot_file: str, turns: bool = Fal
 
 
 def _plan_spec(
-    proposal: Proposal, robot_file: str, text: str, turns: bool
+    proposal: RobotProposal, robot_file: str, text: str, turns: bool
 ) -> tuple[WalkPlan | None, str, bool]:
     """Plan a walking spec.
 

@@ -20,7 +20,7 @@ from climbplan.program.linear_rows import Block, LinearRows, Terms
 from climbplan.program.residuals import BlockResidual, compute_violation
 from climbplan.solvers.convex.osqp import run_osqp
 from climbplan.walking.kernels.contact_phases import HELD, SWINGING
-from climbplan.walking.offline.pinned import FACETS, Iterate, PinnedProgram
+from climbplan.walking.offline.pinned import FACETS, PinnedProgram, WalkIterate
 from climbplan.walking.published.layout import (
     ENTRIES,
     SQUARES,
@@ -66,7 +66,7 @@ _REGULARISATION = 1e-9  # curvature of unknowns without cost
 class PublishedAnswer:
     """The solution of OSQP and its statistics."""
 
-    iterate: Iterate | None  # None unless solved
+    iterate: WalkIterate | None  # None unless solved
     status: str
     iterations: int
     values: Array | None = None  # of all unknowns of the layout, with `iterate`
@@ -103,7 +103,7 @@ class PublishedProgram:
         self._hessian, self._gradient = self._build_objective()
         self._solver: osqp.OSQP | None = None
 
-    def solve(self, neighbour: Iterate) -> PublishedAnswer:
+    def solve(self, neighbour: WalkIterate) -> PublishedAnswer:
         """Solve the program in the regions of a neighbour's motion."""
         program, layout = self.program, self.layout
         toes = program.compute_toes(neighbour.state, neighbour.spots)
@@ -138,12 +138,12 @@ class PublishedProgram:
             iterate, "solved", int(osqp_result.info.iter), np.array(osqp_result.x)
         )
 
-    def _extract_iterate(self, x: Array) -> Iterate:
+    def _extract_iterate(self, x: Array) -> WalkIterate:
         """Return states, forces and footholds of a solution."""
         layout = self.layout
         force = np.zeros((layout.task.knots, layout.task.body.leg_count, 3))
         force[layout.stand_knot, layout.stand_leg] = x[layout.force] * layout.force_unit
-        return Iterate(x[layout.state], force, x[layout.spot])
+        return WalkIterate(x[layout.state], force, x[layout.spot])
 
     def write_rows(self, low: Array, high: Array) -> None:
         """Write the coefficients for regions from low to high (n,), clipped to the workspace."""

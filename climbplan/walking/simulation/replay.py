@@ -89,11 +89,11 @@ def simulate_walk(
     """
     mujoco = load_mujoco()
     model = mujoco.MjModel.from_xml_string(build_walk_mjcf(plan, conditions))
-    walker = _Replay(mujoco, model, mujoco.MjData(model), plan, conditions, feedback)
+    walker = _WalkReplay(mujoco, model, mujoco.MjData(model), plan, conditions, feedback)
     return walker.replay(progress, watch)
 
 
-class _Replay:
+class _WalkReplay:
     """The replay of one walk."""
 
     def __init__(

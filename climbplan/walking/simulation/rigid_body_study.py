@@ -13,10 +13,15 @@ from climbplan.errors import UsageError
 from climbplan.reports.page_parts import Card
 from climbplan.simulation.conditions import Conditions, require_possible
 from climbplan.simulation.mujoco_loading import load_mujoco
-from climbplan.simulation.pictures import Camera, open_camera
+from climbplan.simulation.pictures import SnapshotCamera, open_camera
 from climbplan.simulation.report_files import SimulationRecord, summarise_values
 from climbplan.simulation.request import SimulationRequest
-from climbplan.simulation.trials import ConditionsDistribution, Trial, run_trials, sample_conditions
+from climbplan.simulation.trials import (
+    ConditionsDistribution,
+    RandomRun,
+    run_trials,
+    sample_conditions,
+)
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.comparison import WalkComparison, compare_walk
 from climbplan.walking.simulation.figures import plot_forces, plot_path
@@ -55,8 +60,8 @@ class SimulatedWalk:
     comparison: WalkComparison
     open_loop: WalkRun  # with planned forces, without correction
     open_loop_comparison: WalkComparison
-    trials: tuple[Trial, ...]
-    camera: Camera | str
+    trials: tuple[RandomRun, ...]
+    camera: SnapshotCamera | str
 
 
 def simulate_walk_plan(
@@ -83,14 +88,14 @@ def simulate_walk_plan(
     require_possible(request.conditions, plan.task.body.mass)
     load_mujoco()
     com = plan.trajectory.state[:, POSITION]
-    camera: Camera | str = "no pictures asked for"
+    camera: SnapshotCamera | str = "no pictures asked for"
     if request.pictures:
         camera = open_camera(com, azimuth=120.0, follow=True, decorate=partial(_draw_legs, plan))
-    watch = camera.watch if isinstance(camera, Camera) else None
+    watch = camera.watch if isinstance(camera, SnapshotCamera) else None
     run = simulate_walk(
         plan, request.conditions, progress=lambda part: progress("simulate", part), watch=watch
     )
-    if isinstance(camera, Camera):
+    if isinstance(camera, SnapshotCamera):
         camera.close()
     open_loop = simulate_walk(plan, request.conditions, feedback=False)
     trials = run_random_trials(plan, request, partial(run_trial, plan), progress)
@@ -102,9 +107,9 @@ def simulate_walk_plan(
 def run_random_trials(
     plan: WalkPlan,
     request: SimulationRequest,
-    trial: Callable[[Conditions], Trial],
+    trial: Callable[[Conditions], RandomRun],
     progress: Callable[[str, float], None],
-) -> tuple[Trial, ...]:
+) -> tuple[RandomRun, ...]:
     """Run the requested random trials."""
     if not request.runs:
         return ()
@@ -136,10 +141,12 @@ def reject_flags(request: SimulationRequest, reason: str) -> None:
             raise UsageError(f"{flag}: {reason}")
 
 
-def run_trial(plan: WalkPlan, conditions: Conditions) -> Trial:
+def run_trial(plan: WalkPlan, conditions: Conditions) -> RandomRun:
     """Simulate a walk under the conditions of one random world."""
     run = simulate_walk(plan, conditions)
-    return Trial(conditions, run.fallen, float(run.time[-1]), len(compare_walk(plan, run).slips))
+    return RandomRun(
+        conditions, run.fallen, float(run.time[-1]), len(compare_walk(plan, run).slips)
+    )
 
 
 def format_headline(walk: SimulatedWalk) -> str:

@@ -13,7 +13,7 @@ from climbplan.walking.task.task import ANGLES
 
 
 @dataclass(frozen=True)
-class Swing:
+class ToeSwing:
     """The swing trajectory of one toe."""
 
     start: float  # [s]
@@ -40,7 +40,7 @@ class WalkReference:
     rotation: Array  # (T, 3, 3) body to world
     contact: BoolArray  # (T, L)
     toes: Array  # (T, L, 3) of standing legs [m]
-    swings: tuple[tuple[Swing, ...], ...]  # of each leg
+    swings: tuple[tuple[ToeSwing, ...], ...]  # of each leg
 
     def interpolate_state(self, sample: int, fraction: float) -> Array:
         """Return the state (12,) at a fraction of the interval after a sample."""
@@ -75,7 +75,7 @@ def build_walk_reference(plan: WalkPlan) -> WalkReference:
 
 def _find_swings(
     time: Array, contact: BoolArray, toes: Array, clearance: float
-) -> tuple[Swing, ...]:
+) -> tuple[ToeSwing, ...]:
     """Return the swings of one leg from contacts (T,) and toes (T, 3)."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], ~contact, [False]]).astype(np.int8)))
     last = len(time) - 1
@@ -83,5 +83,7 @@ def _find_swings(
     for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
         landing = min(after, last)
         lift_off = toes[first - 1] if first else toes[0]
-        swings.append(Swing(time[first], time[landing] + 1e-9, lift_off, toes[landing], clearance))
+        swings.append(
+            ToeSwing(time[first], time[landing] + 1e-9, lift_off, toes[landing], clearance)
+        )
     return tuple(swings)

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from climbplan.simulation.mujoco_loading import load_mujoco
-from climbplan.simulation.pictures import Camera
+from climbplan.simulation.pictures import SnapshotCamera
 from climbplan.simulation.report_files import (
     SimulationEnd,
     convert_conditions,
@@ -18,7 +18,7 @@ from climbplan.simulation.report_files import (
     plot_film_strip,
     summarise_values,
 )
-from climbplan.simulation.trials import Trial
+from climbplan.simulation.trials import RandomRun
 from climbplan.store.csv_file import SafeWriter
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.comparison import WalkComparison
@@ -38,8 +38,8 @@ def compute_key_figures(
     plan: WalkPlan,
     run: WalkRun,
     compared: WalkComparison,
-    trials: Sequence[Trial],
-    camera: Camera | str,
+    trials: Sequence[RandomRun],
+    camera: SnapshotCamera | str,
 ) -> dict[str, Any]:
     """Return the key figures of a walk as JSON-ready values, SI units (`UNITS`).
 
@@ -93,9 +93,11 @@ def build_end(
     return SimulationEnd(fall, len(compared.slips), len(compared.losses), legs, joint_speed)
 
 
-def render_pictures(plan: WalkPlan, camera: Camera | str) -> tuple[dict[str, Figure], bytes | None]:
+def render_pictures(
+    plan: WalkPlan, camera: SnapshotCamera | str
+) -> tuple[dict[str, Figure], bytes | None]:
     """Render pictures as the figure `walk`, and the film; nothing without pictures."""
-    if not isinstance(camera, Camera) or not camera.pictures:
+    if not isinstance(camera, SnapshotCamera) or not camera.pictures:
         return {}, None
     times = (plan.task.dt * np.arange(plan.task.knots + 1)).tolist()
     return {"walk": plot_film_strip(camera.strip, times, plan.name)}, camera.film()

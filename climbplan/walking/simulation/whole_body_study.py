@@ -13,10 +13,10 @@ from climbplan.errors import UsageError
 from climbplan.reports.page_parts import Card
 from climbplan.simulation.conditions import Conditions, require_possible
 from climbplan.simulation.mujoco_loading import load_mujoco
-from climbplan.simulation.pictures import Camera, open_camera
+from climbplan.simulation.pictures import SnapshotCamera, open_camera
 from climbplan.simulation.report_files import SimulationRecord, summarise_values
 from climbplan.simulation.request import SimulationRequest
-from climbplan.simulation.trials import Trial
+from climbplan.simulation.trials import RandomRun
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.simulation.comparison import WalkComparison, compare_walk
 from climbplan.walking.simulation.figures import plot_forces, plot_path, plot_torques
@@ -64,8 +64,8 @@ class SimulatedWholeBody:
     plan: WalkPlan
     run: WholeBodyRun
     comparison: WalkComparison
-    trials: tuple[Trial, ...]
-    camera: Camera | str
+    trials: tuple[RandomRun, ...]
+    camera: SnapshotCamera | str
 
     @property
     def relative_velocity_error(self) -> float | None:
@@ -108,23 +108,25 @@ def simulate_whole_body_plan(
         if not 0 <= push.time < span:
             raise UsageError(f"--push {push.time:g}: expected a time within the walk's {span:g} s")
     load_mujoco()
-    camera: Camera | str = "no pictures asked for"
+    camera: SnapshotCamera | str = "no pictures asked for"
     if request.pictures:
         camera = open_camera(plan.trajectory.state[:, POSITION], azimuth=120.0, follow=True)
-    watch = camera.watch if isinstance(camera, Camera) else None
+    watch = camera.watch if isinstance(camera, SnapshotCamera) else None
     run = simulate_whole_body(
         plan, request.conditions, pushes, lambda part: progress("simulate", part), watch
     )
-    if isinstance(camera, Camera):
+    if isinstance(camera, SnapshotCamera):
         camera.close()
     trials = run_random_trials(plan, request, partial(run_trial, plan, pushes), progress)
     return SimulatedWholeBody(plan, run, compare_walk(plan, run), trials, camera)
 
 
-def run_trial(plan: WalkPlan, pushes: tuple[BodyPush, ...], conditions: Conditions) -> Trial:
+def run_trial(plan: WalkPlan, pushes: tuple[BodyPush, ...], conditions: Conditions) -> RandomRun:
     """Simulate a walk with pushes under the conditions of one random world."""
     run = simulate_whole_body(plan, conditions, pushes)
-    return Trial(conditions, run.fallen, float(run.time[-1]), len(compare_walk(plan, run).slips))
+    return RandomRun(
+        conditions, run.fallen, float(run.time[-1]), len(compare_walk(plan, run).slips)
+    )
 
 
 def format_headline(walk: SimulatedWholeBody) -> str:

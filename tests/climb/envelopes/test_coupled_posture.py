@@ -11,7 +11,7 @@ from climbplan.climb.envelopes.search import find_posture
 from climbplan.climb.envelopes.statement import PostureStatement, build_posture_statement
 from climbplan.climb.envelopes.terrains import (
     DISTRIBUTIONS,
-    Patches,
+    LimbPatches,
     TerrainDistribution,
     select_distribution,
 )
@@ -105,12 +105,12 @@ def test_relaxation_holds_every_posture(
 
 def test_rows_of_patches_round_trip(robot: Robot) -> None:
     patches = select_distribution("wall5", robot).sample(np.random.default_rng(1))
-    again = Patches.from_vector(patches.vector())
+    again = LimbPatches.from_vector(patches.vector())
     np.testing.assert_array_equal(again.vertices, patches.vertices)
     np.testing.assert_array_equal(again.normal, patches.normal)
     np.testing.assert_array_equal(again.friction, patches.friction)
     with pytest.raises(UsageError, match="no row of patches"):
-        Patches.from_vector(np.zeros(17))
+        LimbPatches.from_vector(np.zeros(17))
 
 
 def test_samples_stay_in_their_distribution(robot: Robot) -> None:

@@ -13,10 +13,10 @@ import pytest
 
 from climbplan.climb.envelopes.first_stage import FirstStage
 from climbplan.climb.envelopes.fit import measure
-from climbplan.climb.envelopes.rows import Rows
+from climbplan.climb.envelopes.rows import TerrainDataset
 from climbplan.learning.envelope_box import Envelope
 from climbplan.program import Program
-from climbplan.program.row_propagation import Range
+from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.local_envelopes import LocalForm
 
 GRID = np.linspace(-1, 1, 801)
@@ -74,7 +74,7 @@ def _stage(t: float, s: float, d: float) -> FirstStage:
     instance = p.instantiate()
     columns = np.arange(6)[None]
     return FirstStage(
-        instance, LocalForm.of(instance), columns, Range(instance.lower, instance.upper)
+        instance, LocalForm.of(instance), columns, ElementwiseRange(instance.lower, instance.upper)
     )
 
 
@@ -86,16 +86,16 @@ def _envelope() -> Envelope:
 
 
 @pytest.fixture(scope="module")
-def table() -> tuple[list[Enumerated], Rows, list[FirstStage]]:
+def table() -> tuple[list[Enumerated], TerrainDataset, list[FirstStage]]:
     known = [_enumerated(*theta) for theta in THETA]
     feasible = np.array([k.feasible for k in known])
     none = np.zeros((len(THETA), 1, 6))
-    rows = Rows(np.array(THETA), feasible, none, len(THETA), 0, 0)
+    rows = TerrainDataset(np.array(THETA), feasible, none, len(THETA), 0, 0)
     return known, rows, [_stage(*theta) for theta in THETA]
 
 
 def test_grid_tells_what_the_comments_say(
-    table: tuple[list[Enumerated], Rows, list[FirstStage]],
+    table: tuple[list[Enumerated], TerrainDataset, list[FirstStage]],
 ) -> None:
     known = table[0]
     assert [k.feasible for k in known] == [True, True, True, True, False, False, True, False]
@@ -103,7 +103,7 @@ def test_grid_tells_what_the_comments_say(
 
 
 def test_table_is_the_enumerated_one(
-    table: tuple[list[Enumerated], Rows, list[FirstStage]],
+    table: tuple[list[Enumerated], TerrainDataset, list[FirstStage]],
 ) -> None:
     known, rows, stages = table
     found = measure((_envelope(),), rows, stages).validation
@@ -117,7 +117,7 @@ def test_table_is_the_enumerated_one(
 
 
 def test_conditions_are_the_enumerated_ones(
-    table: tuple[list[Enumerated], Rows, list[FirstStage]],
+    table: tuple[list[Enumerated], TerrainDataset, list[FirstStage]],
 ) -> None:
     known, rows, stages = table
     found = measure((_envelope(),), rows, stages).conditions
@@ -130,7 +130,7 @@ def test_conditions_are_the_enumerated_ones(
 
 
 def test_theorem_holds_terrain_by_terrain(
-    table: tuple[list[Enumerated], Rows, list[FirstStage]],
+    table: tuple[list[Enumerated], TerrainDataset, list[FirstStage]],
 ) -> None:
     """(1) makes P1 feasible, (2) makes it infeasible; neither is needed."""
     known, _, stages = table
@@ -145,7 +145,7 @@ def test_theorem_holds_terrain_by_terrain(
 
 
 def test_several_boxes_are_a_union(
-    table: tuple[list[Enumerated], Rows, list[FirstStage]],
+    table: tuple[list[Enumerated], TerrainDataset, list[FirstStage]],
 ) -> None:
     """A second box, where p and f have opposite signs, meets the other feasible sets."""
     _, rows, stages = table

@@ -18,14 +18,14 @@ from climbplan.climb.envelopes.fit import (
     prepare_stages,
     recentre_points,
 )
-from climbplan.climb.envelopes.rows import Rows, collect_rows
+from climbplan.climb.envelopes.rows import TerrainDataset, collect_rows
 from climbplan.climb.envelopes.statement import PostureStatement, build_posture_statement
 from climbplan.climb.envelopes.terrains import TerrainDistribution, select_distribution
 from climbplan.learning.envelope_box import Envelope, compute_bounding_box
 from climbplan.robots.model import Robot
 from climbplan.schema.robots.source import load_robot
 
-Case = tuple[TerrainDistribution, PostureStatement, Rows]
+Case = tuple[TerrainDistribution, PostureStatement, TerrainDataset]
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +35,7 @@ def case() -> Case:
     return terrains, statement, collect_rows(terrains, statement, 6, 6, seed=11)
 
 
-def _boxes(rows: Rows) -> list[Envelope]:
+def _boxes(rows: TerrainDataset) -> list[Envelope]:
     """Boxes of several sizes about the middle of feasible points."""
     whole = compute_bounding_box(rows.point[rows.feasible])
     return [whole.widen(share) for share in (-0.4, -0.2, 0.0, 0.5)]

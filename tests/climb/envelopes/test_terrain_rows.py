@@ -18,7 +18,7 @@ from climbplan.climb.envelopes.dataset_rows import (
 from climbplan.climb.envelopes.distribution import build_distribution
 from climbplan.climb.envelopes.legs import build_ball_directions
 from climbplan.climb.envelopes.statement import build_posture_statement
-from climbplan.climb.envelopes.terrains import Patches
+from climbplan.climb.envelopes.terrains import LimbPatches
 from climbplan.climb.schema.envelopes_loading import build_envelopes
 from climbplan.climb.schema.terrains_dataset import TerrainsProblemSpec
 from climbplan.datasets.check.verification import verify_dataset
@@ -85,7 +85,7 @@ def test_infeasible_rows_balance_forces_but_not_moments(data: Dataset, robot: Ro
         np.testing.assert_allclose(force.sum(axis=0), [0, 0, 1], atol=1e-6)
         moment = np.cross(toe - data.solution["com"][row], force).sum(axis=0)
         assert np.abs(moment).max() > 1e-4
-        patches = Patches.from_vector(data.parameters[row])
+        patches = LimbPatches.from_vector(data.parameters[row])
         instance = statement.program.instantiate(statement.theta(patches))
         assert compute_linear_violation(instance, read_point(statement, data, row)) <= 1e-7
         assert (

@@ -38,7 +38,7 @@ from climbplan.climb.schema.loading import load_climb
 from climbplan.errors import LimitReached, NoPlanFound, ReachFailure, Unresolved
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import Method
-from climbplan.program.layout import Layout
+from climbplan.program.layout import MatrixLayout
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.schema.terrain.terrain import SolidSpec
@@ -388,7 +388,7 @@ def test_body_stays_inside_a_narrow_tube() -> None:
 
 
 def test_layout_finds_what_it_packs() -> None:
-    layout = Layout((("a", (3, 2)), ("b", (1, 4)), ("c", (1, 1))))
+    layout = MatrixLayout((("a", (3, 2)), ("b", (1, 4)), ("c", (1, 1))))
     rng = np.random.default_rng(0)
     values = {name: rng.normal(size=shape) for name, shape in layout.shapes}
     one = layout.pack(values)

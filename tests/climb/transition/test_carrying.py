@@ -10,7 +10,7 @@ import pytest
 
 from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.transition import sequence_planning
-from climbplan.climb.transition.motion import Motion
+from climbplan.climb.transition.motion import TransitionMotion
 from climbplan.errors import NoPlanFound, ReachFailure
 
 _LEAST = 1.0  # S_tau of the spec
@@ -25,11 +25,11 @@ class _Planner:
 
     def plan_motion(
         self, tables: Any, sequence: Any, asked: float, share: float, *rest: Any
-    ) -> Motion:
+    ) -> TransitionMotion:
         room = rest[-1]
         self.asked.append((asked, share, room))
         rounds: Any = SimpleNamespace(room=room)
-        return Motion(rounds, np.zeros(3), 0.0, "", 1, 0.0, "", self.has)
+        return TransitionMotion(rounds, np.zeros(3), 0.0, "", 1, 0.0, "", self.has)
 
     def verified(self, run: Any, rounds: Any, moved: Any, first: Any) -> tuple[Any, Any]:
         if rounds.room < self.needed:
@@ -37,7 +37,9 @@ class _Planner:
         return rounds, SimpleNamespace(passed=True)
 
 
-def _carried(monkeypatch: pytest.MonkeyPatch, planner: _Planner) -> sequence_planning.Attempt:
+def _carried(
+    monkeypatch: pytest.MonkeyPatch, planner: _Planner
+) -> sequence_planning.SequenceResult:
     monkeypatch.setattr(sequence_planning, "plan_motion", planner.plan_motion)
     monkeypatch.setattr(sequence_planning, "verify_motion", planner.verified)
     spec = SimpleNamespace(

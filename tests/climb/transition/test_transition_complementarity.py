@@ -11,7 +11,10 @@ from climbplan.arrays import Array
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.schema.transition_loading import load_transition
-from climbplan.climb.transition.complementarity import Shape, state_complementarity
+from climbplan.climb.transition.complementarity import (
+    ComplementarityDimensions,
+    state_complementarity,
+)
 from climbplan.climb.transition.complementarity_data import build_free_motion
 from climbplan.climb.transition.homotopy import run_from_start
 from climbplan.climb.transition.planner import plan_transition
@@ -127,7 +130,9 @@ def test_a_named_sequence_is_not_for_this_method() -> None:
 def test_chains_of_three_joints_have_a_program(solids: int) -> None:
     """The side to which such limbs bend is a number, weights of the faces of solids are not."""
     limbs = StatedChains(limbs=4, joints=3, redundant=False)
-    shape = Shape(2, limbs, surfaces=2, edges=4, solids=solids, faces=6 * solids)
+    shape = ComplementarityDimensions(
+        2, limbs, surfaces=2, edges=4, solids=solids, faces=6 * solids
+    )
     stated = state_complementarity(shape)
     assert stated.place("face_weight").shape == (2, 6 * solids * 4)
     assert stated.sizes()["solid.outside"] == 2 * solids * 4

@@ -16,7 +16,7 @@ from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.schema.transition_loading import load_transition
-from climbplan.climb.transition.motion import Motion, plan_motion
+from climbplan.climb.transition.motion import TransitionMotion, plan_motion
 from climbplan.climb.transition.motion_data import (
     build_motion_data,
     build_shape,
@@ -211,7 +211,7 @@ def test_rows_move_the_body_so_that_limbs_do_not_meet() -> None:
     ]
     others += [(i, c, -1, 0) for i in limbs for c in range(last + 1)]
 
-    def room(tables: SearchTables, motion: Motion) -> float:
+    def room(tables: SearchTables, motion: TransitionMotion) -> float:
         # After the first round, whose pose is the start's
         moved, rounds = found[0].moves[1:], motion.rounds
         toes = np.stack([rounds.toes[1:-1], rounds.toes[2:]], axis=1)

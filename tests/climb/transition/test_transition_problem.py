@@ -19,7 +19,7 @@ from climbplan.climb.transition.round_constraints import COST_SCALE
 from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.search import SequenceSearch
 from climbplan.climb.transition.sequence_planning import (
-    PlanningRun,
+    TransitionRun,
     compute_cost,
     plan_and_verify_sequence,
     verify_motion,
@@ -30,10 +30,10 @@ from climbplan.methods.task import Method
 SPECS = Path(__file__).parents[3] / "specs"
 
 
-def searched(name: str, *overrides: str) -> tuple[PlanningRun, SequenceSearch]:
+def searched(name: str, *overrides: str) -> tuple[TransitionRun, SequenceSearch]:
     loaded = load_transition(SPECS / f"{name}.yaml", ["margins=none", *overrides])
     scene = build_transition(loaded)
-    return PlanningRun(loaded, scene, StageClock(lambda stage, fraction: None)), SequenceSearch(
+    return TransitionRun(loaded, scene, StageClock(lambda stage, fraction: None)), SequenceSearch(
         scene
     )
 

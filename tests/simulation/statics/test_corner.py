@@ -9,12 +9,12 @@ from climbplan.arrays import Array
 from climbplan.climb.simulation.statics.compiling import compiled
 from climbplan.climb.simulation.statics.contact import SLIDES
 from climbplan.climb.simulation.statics.corner_contact import _find_obstacle_hit, _project_to_cone
-from climbplan.climb.simulation.statics.state import ContactSolution, ContactState, Ground
+from climbplan.climb.simulation.statics.state import ContactSolution, ContactState, TerrainGeometry
 
 
 @compiled
 def run_into(
-    contacts: ContactState, ground: Ground, solution: ContactSolution
+    contacts: ContactState, ground: TerrainGeometry, solution: ContactSolution
 ) -> tuple[int, int, float]:
     """`_runs_into` of the first toe."""
     return _find_obstacle_hit(0, contacts, ground, solution)
@@ -49,7 +49,7 @@ def slid(before: list[float], now: list[float]) -> tuple[ContactState, ContactSo
 def test_a_toe_that_slides_into_a_wall_stops_at_it() -> None:
     floor = box([-1.0, -1.0, -0.1], [1.0, 1.0, 0.0])
     wall = box([0.5, -1.0, -0.1], [1.0, 1.0, 1.0])
-    ground = Ground(np.stack([floor, wall]), np.ones(2), np.zeros((0, 5)), np.zeros(0))
+    ground = TerrainGeometry(np.stack([floor, wall]), np.ones(2), np.zeros((0, 5)), np.zeros(0))
     solid, face, deep = run_into(*_with(ground, slid([0.49, 0.0, 0.0], [0.52, 0.0, 0.0])))
     assert (solid, face) == (1, 3)  # the side that looks to -x
     assert deep == pytest.approx(0.02, abs=2e-5)
@@ -57,8 +57,8 @@ def test_a_toe_that_slides_into_a_wall_stops_at_it() -> None:
 
 
 def _with(
-    ground: Ground, toe: tuple[ContactState, ContactSolution]
-) -> tuple[ContactState, Ground, ContactSolution]:
+    ground: TerrainGeometry, toe: tuple[ContactState, ContactSolution]
+) -> tuple[ContactState, TerrainGeometry, ContactSolution]:
     return toe[0], ground, toe[1]
 
 

@@ -15,7 +15,7 @@ from climbplan.climb.simulation.statics.limb_kinematics import (
     _compute_kinematics,
     _compute_toe_compliance,
 )
-from climbplan.climb.simulation.statics.state import JointSprings, Workspace
+from climbplan.climb.simulation.statics.state import JointSprings, ScratchMemory
 
 STIFF, COMMAND = 50.0, np.array([0.1, 0.2, -0.1])  # [N m/rad], [rad]
 
@@ -27,7 +27,7 @@ def chain(zero: Array, angles: Array, columns: Array, axes: Array, out: Array) -
 
 
 @compiled
-def softness(zero: Array, angles: Array, work: Workspace) -> float:
+def softness(zero: Array, angles: Array, work: ScratchMemory) -> float:
     """`_softness`."""
     _compute_kinematics(zero, angles, work.jacobian, work.joint_axes, work.vectors[0])
     return _compute_toe_compliance(
@@ -43,7 +43,7 @@ def hold(
     angles: Array,
     force: Array,
     slope: Array,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> bool:
     """`_held` of the first limb."""
     return _solve_limb(zero, 0, place, springs, angles, force, slope, work)
@@ -55,8 +55,8 @@ def limb() -> Array:
     return np.array([*axes, [0, 0, 0], [0.05, 0, 0], [0.25, 0, 0], [0.5, 0, 0]], float)
 
 
-def work(joints: int = 3) -> Workspace:
-    return Workspace(
+def work(joints: int = 3) -> ScratchMemory:
+    return ScratchMemory(
         np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)),
         np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((12, 3)), np.zeros((6, 3, 3)),
         np.zeros((4, joints)), np.zeros((joints, 3)), np.zeros((joints, joints)),

@@ -16,7 +16,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, Rounds
 
 
 @dataclass(frozen=True)
-class Gait:
+class ClimbGait:
     """The gait of K instants in S = K / 2 steps."""
 
     moving_limbs: BoolArray  # (S, N) the limbs of each step
@@ -54,7 +54,7 @@ class Gait:
         return np.argmax(self.moving_limbs, axis=1)
 
 
-def reconstruct_gait(plan: ClimbPlan) -> Gait:
+def reconstruct_gait(plan: ClimbPlan) -> ClimbGait:
     """Reconstruct the gait of a plan's instants."""
     instants, rounds = plan.instants, plan.rounds
     count, limbs = instants.lifted.shape
@@ -85,7 +85,7 @@ def reconstruct_gait(plan: ClimbPlan) -> Gait:
         # Where the body waits for a lift is the plan's own choice, bounded by `steps.shift`
         shift = np.asarray(instants.com[::2] - com[:-1])
         com[:-1] += shift
-    return Gait(moving_limbs, step_rounds, foothold_round, com, rpy, shift, is_invalid)
+    return ClimbGait(moving_limbs, step_rounds, foothold_round, com, rpy, shift, is_invalid)
 
 
 def _find_climb_violations(lifted: BoolArray, instant_rounds: IntArray) -> BoolArray:

@@ -183,7 +183,7 @@ def build_limbs(robot: Robot, com: Array, axes: Array, angles: Array) -> Limbs:
 
 
 @dataclass(frozen=True)
-class StandingLimbs:
+class HeldLimbs:
     """Limbs whose toes are held by the terrain while the body moves."""
 
     points: Array  # (..., N, J + 1, 3) shoulder, femur joint, knee, toe [m]
@@ -200,7 +200,7 @@ def solve_standing_limbs(
     command: Array,
     arm: Array | None = None,
     soles: Array | None = None,
-) -> StandingLimbs:
+) -> HeldLimbs:
     """Return limbs that reach toes (..., N, 3), with knees on the side of the initial angles.
 
     Angles are those within half a turn of the initial ones. The knee is an intersection of the
@@ -258,7 +258,7 @@ def solve_standing_limbs(
     shin_angle = np.arctan2(_dot(shin, outward), -_dot(shin, up))[..., 0]
     angles = np.stack([heading - robot.mount_yaw, femur_angle, shin_angle - femur_angle], axis=-1)
     angles = angles - 2 * np.pi * np.round((angles - initial) / (2 * np.pi))
-    return StandingLimbs(
+    return HeldLimbs(
         points=np.stack([shoulder, hip, knee, toes], axis=-2),
         angles=angles,
         missing=np.maximum(missing[..., 0], 0.0),
@@ -286,13 +286,13 @@ def _build_five_bar_limbs(legs: FiveBar, com: Array, axes: Array, angles: Array)
 
 def _solve_standing_five_bars(
     legs: FiveBar, com: Array, axes: Array, toes: Array, initial: Array
-) -> StandingLimbs:
+) -> HeldLimbs:
     """Return five-bar legs that reach toes (..., N, 3)."""
     local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
     angles = solve_five_bars(legs, local, initial)
     limbs = _build_five_bar_limbs(legs, com, axes, angles)
     missing = np.linalg.norm(limbs.toe - toes, axis=-1)
-    return StandingLimbs(limbs.points, angles, np.where(missing > _CLOSURE_TOLERANCE, missing, 0.0))
+    return HeldLimbs(limbs.points, angles, np.where(missing > _CLOSURE_TOLERANCE, missing, 0.0))
 
 
 def _build_chain_limbs(chain: SerialChain, com: Array, axes: Array, angles: Array) -> Limbs:
@@ -316,7 +316,7 @@ def _solve_standing_chains(
     initial: Array,
     command: Array,
     arm: Array | None,
-) -> StandingLimbs:
+) -> HeldLimbs:
     """Return chains that reach toes (..., N, 3), with joints as springs about their commands."""
     chain = require_chain(robot)
     local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
@@ -325,12 +325,12 @@ def _solve_standing_chains(
         arm = np.einsum("...ij,...nj->...ni", axes, arm)
     equilibrium = solve_chain_equilibrium(chain, local, initial, command, spring, arm)
     points = _build_chain_limbs(chain, com, axes, equilibrium.angles).points
-    return StandingLimbs(points, equilibrium.angles, equilibrium.missing)
+    return HeldLimbs(points, equilibrium.angles, equilibrium.missing)
 
 
 def _solve_standing_soles(
     robot: Robot, com: Array, axes: Array, toes: Array, soles: Array, initial: Array, command: Array
-) -> StandingLimbs:
+) -> HeldLimbs:
     """Return chains whose soles are at the toes, with joints as springs about their commands."""
     chain, sole = require_chain(robot), robot.sole
     assert sole is not None
@@ -339,7 +339,7 @@ def _solve_standing_soles(
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
     equilibrium = solve_sole_equilibrium(chain, sole, local, sole_axes, initial, command, spring)
     points = _build_chain_limbs(chain, com, axes, equilibrium.angles).points
-    return StandingLimbs(points, equilibrium.angles, equilibrium.missing)
+    return HeldLimbs(points, equilibrium.angles, equilibrium.missing)
 
 
 def _dot(a: Array, b: Array) -> Array:

@@ -51,7 +51,7 @@ def explain_grips(
     """
     names = scene.robot.limb_names
     conflicts: list[Conflict] = []
-    worst: _SufficientChanges | None = None
+    worst: _SufficientGripChanges | None = None
     for k in missing:
         instant = build_grip_instant(statement, int(k))
         instant_label = instants.label(int(k), names)
@@ -191,7 +191,7 @@ def _add_columns(program: ConicProgram, rows: dict[str, Array], forces: Array, s
 
 
 @dataclass(frozen=True)
-class _SufficientChanges:
+class _SufficientGripChanges:
     """Changes that make instants feasible, each on its own; None where no such change does."""
 
     grip_force: float | None  # [N]
@@ -200,7 +200,7 @@ class _SufficientChanges:
     torque_factor: float | None  # factor on all torque limits, wrists and grippers included
     safety_friction: float | None  # S_mu
 
-    def combine_with(self, following: _SufficientChanges) -> _SufficientChanges:
+    def combine_with(self, following: _SufficientGripChanges) -> _SufficientGripChanges:
         """Return the changes that make the instants of both feasible."""
 
         def both(
@@ -209,7 +209,7 @@ class _SufficientChanges:
             return None if a is None or b is None else combine(a, b)
 
         has_same_mass = self.mass_name == following.mass_name
-        return _SufficientChanges(
+        return _SufficientGripChanges(
             both(self.grip_force, following.grip_force, max),
             following.mass_name,
             both(self.max_mass, following.max_mass, min) if has_same_mass else None,
@@ -250,10 +250,10 @@ def _round_to_digits(value: float, rounding: Callable[[float], float]) -> float:
 
 def _compute_changes(
     scene: MotionScene, instants: Instants, statement: GripStatement, instant: GripInstant, k: int
-) -> _SufficientChanges:
+) -> _SufficientGripChanges:
     """Return the exact sufficient changes of one instant."""
     mass_name, mass = _select_mass(scene, instants, statement, instant, k)
-    return _SufficientChanges(
+    return _SufficientGripChanges(
         grip_force=_minimise_grip_limit(instant, statement),
         mass_name=mass_name,
         max_mass=mass,

@@ -7,7 +7,7 @@ import numpy as np
 from climbplan.arrays import BoolArray
 from climbplan.climb.forces.grips.planner import compute_pull_margins, compute_wrist_torques
 from climbplan.climb.forces.grips.statement import build_grip_statement, compute_grip_wrists
-from climbplan.climb.plan.climb_plan import Forces, Instants, Trajectory
+from climbplan.climb.plan.climb_plan import InstantForces, Instants, Trajectory
 from climbplan.climb.plan.grips import GripPlan, SpineModel
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import ReachFailure
@@ -45,7 +45,7 @@ def find_firm_limbs(grippers: Grippers, instants: Instants) -> BoolArray:
 
 
 def build_grip_plan(
-    scene: MotionScene, instants: Instants, forces: Forces, trajectory: Trajectory
+    scene: MotionScene, instants: Instants, forces: InstantForces, trajectory: Trajectory
 ) -> GripPlan | None:
     """Return wrist angles, torques and pull-out margins of a plan; None without grippers."""
     grippers = scene.grippers

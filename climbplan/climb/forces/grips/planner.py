@@ -11,7 +11,7 @@ from climbplan.climb.forces.grips.explanation import describe_fragile_grips, exp
 from climbplan.climb.forces.grips.margins import solve_grips_with_margins
 from climbplan.climb.forces.grips.solving import SolvedGrips
 from climbplan.climb.forces.grips.statement import GripStatement, build_grip_statement
-from climbplan.climb.plan.climb_plan import Forces, Instants
+from climbplan.climb.plan.climb_plan import InstantForces, Instants
 from climbplan.climb.plan.grips import GripForces
 from climbplan.climb.scene.climb_scene import MotionScene
 from climbplan.errors import UsageError
@@ -32,7 +32,7 @@ class GripAnswers:
 
 def plan_grip_forces(
     scene: MotionScene, instants: Instants, grippers: Grippers, solver: str | None = None
-) -> Forces:
+) -> InstantForces:
     """Return contact forces, gripping forces, moments, torques and commands of all instants.
 
     Every answer is checked against the exact constraints, and keeps as much of the spec's margins
@@ -99,7 +99,7 @@ def compute_wrist_torques(statement: GripStatement, force: Array, moment: Array)
 
 def _assemble_forces(
     scene: MotionScene, instants: Instants, statement: GripStatement, answers: GripAnswers
-) -> Forces:
+) -> InstantForces:
     """Return torques, commands and safety factors; factors are infinite where nothing is loaded."""
     force, grips = answers.force, answers.grips
     torques = compute_grip_torques(statement, force, grips.moment)
@@ -116,7 +116,7 @@ def _assemble_forces(
     slip = compute_slip_margins(statement, answers.part_forces)
     safety_torque = np.full(len(max_ratio), np.inf)
     np.divide(1.0, max_ratio, out=safety_torque, where=max_ratio > 0)
-    return Forces(
+    return InstantForces(
         force=force,
         joint_torques=torques,
         link_torques=None if scene.robot.links is None else statement.link_torques,

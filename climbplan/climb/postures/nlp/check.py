@@ -21,7 +21,7 @@ from climbplan.climb.clearance.limbs import (
     find_closest_link,
     find_limb_shortfall,
 )
-from climbplan.climb.clearance.raw_surface import Contacts, find_nearest_raw
+from climbplan.climb.clearance.raw_surface import ToeContacts, find_nearest_raw
 from climbplan.climb.clearance.swing import TOE_CLEARANCE, SwingBlocked, plan_swing_paths
 from climbplan.climb.gait.gait import interpolate_poses, plan_instants
 from climbplan.climb.plan.climb_plan import Instants, Rounds
@@ -170,7 +170,7 @@ def _check_limb_clearance(
     if scene.terrain.scan is not None:
         lift_height = instants.lifted[..., None] * scene.spec.trajectory.swing_clearance
         contact_points = instants.toes - lift_height * instants.normal
-        contacts = Contacts(contact_points[..., None, :], instants.normal[..., None, :])
+        contacts = ToeContacts(contact_points[..., None, :], instants.normal[..., None, :])
         raw = find_nearest_raw(scene.terrain.scan, links, contacts, INTERPOLATION_MARGIN)
         nearest.append((raw.missing, raw.index))
     for missing, (k, limb) in nearest:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from climbplan.program.layout import Layout
+from climbplan.program.layout import MatrixLayout
 from climbplan.robots.stated_limbs import StatedLimbs
 
 
@@ -32,7 +32,7 @@ MOMENTS = (
 
 
 @dataclass(frozen=True)
-class Shape:
+class NlpStructure:
     """The structure of the program; everything else about a scene is a parameter."""
 
     num_rounds: int
@@ -59,18 +59,18 @@ class Shape:
         return len(self.gait)
 
 
-def build_variable_layout(n: int, joints: int) -> Layout:
+def build_variable_layout(n: int, joints: int) -> MatrixLayout:
     """Return the layout of one round's variables; the first three arrays are the posture itself."""
     angles = tuple((f"angles_{moment.name}", (joints, n)) for moment in MOMENTS)
-    return Layout((("com", (3, 1)), ("rpy", (3, 1)), ("toes", (3, n)), *angles))
+    return MatrixLayout((("com", (3, 1)), ("rpy", (3, 1)), ("toes", (3, n)), *angles))
 
 
-def build_posture_layout(n: int) -> Layout:
+def build_posture_layout(n: int) -> MatrixLayout:
     """Return the layout of one posture: body pose and toes."""
-    return Layout(build_variable_layout(n, 0).shapes[:3])
+    return MatrixLayout(build_variable_layout(n, 0).shapes[:3])
 
 
-def build_pin_layout(shape: Shape) -> Layout:
+def build_pin_layout(shape: NlpStructure) -> MatrixLayout:
     """Return the layout of what is fixed per round before the NLP is solved.
 
     These are the region of each toe before and after the round, the body's free region, and at
@@ -89,10 +89,10 @@ def build_pin_layout(shape: Shape) -> Layout:
     planes = tuple(
         (f"planes_{moment.name}", (4, shape.links * n * shape.num_obstacles)) for moment in MOMENTS
     )
-    return Layout((*(() if shape.is_curved else flat), *free, *planes))
+    return MatrixLayout((*(() if shape.is_curved else flat), *free, *planes))
 
 
-def build_number_layout(shape: Shape) -> Layout:
+def build_number_layout(shape: NlpStructure) -> MatrixLayout:
     """Return the layout of the parameters of robot, terrain and planner, for all rounds."""
     n = shape.limbs
     per_limb = ("first_joint", "stance")
@@ -102,7 +102,7 @@ def build_number_layout(shape: Shape) -> Layout:
         "rotation_tolerance",
         *("w_goal", "w_goal_com", "w_goal_rotation", "w_com", "w_toe", "w_rotation"),
     )
-    return Layout(
+    return MatrixLayout(
         (
             *((name, (3, n)) for name in per_limb),
             *shape.kinematics.numbers.items(),

@@ -41,7 +41,7 @@ from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import LimitReached, ReachFailure, Unresolved
 from climbplan.progress import Progress
 from climbplan.robots.kinematics import require_reachable, to_body
-from climbplan.solvers.ipopt.trajectory import CompiledTrajectory
+from climbplan.solvers.ipopt.staged_program import CompiledStagedProgram
 
 MAX_ITERATIONS = 150  # per start; those that converge need 5 to 60
 # Blocks that the program holds at some instants only
@@ -52,7 +52,7 @@ SOLVER = "ipopt (mumps)"
 
 
 @dataclass(frozen=True)
-class Attempt:
+class NlpRun:
     """The result of one start of the NLP."""
 
     guess: Guess
@@ -87,7 +87,7 @@ def plan_postures_nlp(scene: ClimbScene, report: Progress | None = None) -> Post
     options = scene.spec.solver
     deadline = time.monotonic() + options.time_limit
     reject_infeasible(scene)
-    attempts: list[Attempt] = []
+    attempts: list[NlpRun] = []
     for index, guess in enumerate(generate_guesses(scene, options.starts, deadline)):
         if report is not None:
             report("posture", index / options.starts)
@@ -117,7 +117,7 @@ def plan_postures_nlp(scene: ClimbScene, report: Progress | None = None) -> Post
     )
 
 
-def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
+def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> NlpRun:
     """Solve the NLP from one start and check the result exactly.
 
     Args:
@@ -142,7 +142,7 @@ def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
         if time.monotonic() > deadline:
             break
         guess = repin_guess(scene, guess, rounds)
-    return Attempt(
+    return NlpRun(
         guess=guess,
         rounds=rounds,
         objective=compute_posture_cost(scene, rounds),
@@ -152,7 +152,7 @@ def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> Attempt:
     )
 
 
-def refine_attempt(scene: ClimbScene, best: Attempt, deadline: float) -> Attempt:
+def refine_attempt(scene: ClimbScene, best: NlpRun, deadline: float) -> NlpRun:
     """Solve the plan again with its fixed choices updated at its own postures, while the cost
     improves.
     """
@@ -202,7 +202,7 @@ def generate_guesses(scene: ClimbScene, count: int, deadline: float) -> Iterator
         yield build_straight_guess(scene, index, 0.0 if index == 0 else 1.0, adjacency)
 
 
-def _describe_failure(scene: ClimbScene, attempts: list[Attempt]) -> str:
+def _describe_failure(scene: ClimbScene, attempts: list[NlpRun]) -> str:
     """Describe the attempt that came closest, where none was accepted."""
     requested, num_attempts = scene.spec.solver.starts, len(attempts)
     closest = min(attempts, key=lambda attempt: attempt.worst_violation.amount)
@@ -230,7 +230,7 @@ def _describe_goal_error(scene: ClimbScene) -> str:
 
 
 def _collect_sizes(
-    program: CompiledTrajectory, attempts: list[Attempt], best: Attempt
+    program: CompiledStagedProgram, attempts: list[NlpRun], best: NlpRun
 ) -> dict[str, object]:
     """Return the sizes of program and search for the plan file."""
     return {
@@ -243,7 +243,7 @@ def _collect_sizes(
     }
 
 
-def _collect_warnings(scene: ClimbScene, attempts: list[Attempt]) -> tuple[str, ...]:
+def _collect_warnings(scene: ClimbScene, attempts: list[NlpRun]) -> tuple[str, ...]:
     """Return a warning if the time limit left starts untried."""
     untried = scene.spec.solver.starts - len(attempts)
     if untried == 0:

@@ -14,7 +14,7 @@ from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.layout import (
     MOMENTS,
     Moment,
-    Shape,
+    NlpStructure,
     build_number_layout,
     build_pin_layout,
     build_posture_layout,
@@ -75,10 +75,10 @@ class Guess:
     free_regions: IntArray  # (M, choices) free region of the body in every round
 
 
-def build_shape(scene: ClimbScene) -> Shape:
+def build_shape(scene: ClimbScene) -> NlpStructure:
     """Return the structure of a scene's NLP."""
     spec, terrain = scene.spec.posture, scene.terrain
-    return Shape(
+    return NlpStructure(
         num_rounds=scene.spec.task.round_count,
         gait=scene.gait,
         is_curved=terrain.is_curved,

@@ -94,7 +94,7 @@ def build_straight_guess(
 
 
 @dataclass(frozen=True)
-class _BodyPath:
+class _BodyCorridor:
     """A path of the body, and its free region in each round."""
 
     com: Array  # (M+1, 3)
@@ -109,7 +109,7 @@ class _BodyPath:
 
 def _sample_body_path(
     scene: ClimbScene, rng: np.random.Generator, spread: float, adjacency: RegionAdjacency
-) -> _BodyPath:
+) -> _BodyCorridor:
     """Sample a path round the obstacles to the goal, no longer than the body's steps allow."""
     m, start, goal = scene.spec.task.round_count, scene.start, scene.goal
     fraction = np.linspace(0.0, 1.0, m + 1)[:, None]
@@ -120,14 +120,14 @@ def _sample_body_path(
         rpy = (
             start.rpy + fraction * (goal.rpy - start.rpy) + arch * rng.normal(0.0, _ROTATION_STD, 3)
         )
-        path = _BodyPath(com, rpy, _find_region_path(scene, com, rpy, rng, spread, adjacency))
+        path = _BodyCorridor(com, rpy, _find_region_path(scene, com, rpy, rng, spread, adjacency))
         if path.free_regions.size == 0:
             return path
         # Drawn taut, then shared out evenly over the rounds, which moves the changes of region
         path = replace(path, com=_tighten_path(scene, path))
         com = _resample_evenly(path.com)
         free_regions = _find_region_path(scene, com, rpy, rng, 0.0, adjacency)
-        path = _BodyPath(com, rpy, free_regions)
+        path = _BodyCorridor(com, rpy, free_regions)
         path = replace(path, com=_tighten_path(scene, path))
         if path.length <= max_length:
             return path
@@ -246,7 +246,7 @@ def _find_overlaps(scene: ClimbScene, choice: tuple[FreeRegion, ...], rpy: Array
     return overlaps
 
 
-def _tighten_path(scene: ClimbScene, path: _BodyPath) -> Array:
+def _tighten_path(scene: ClimbScene, path: _BodyCorridor) -> Array:
     """Shorten the body's path within the free regions before and after each posture.
 
     Smoothing steps alternate with projections onto violated halfspaces.

@@ -29,17 +29,17 @@ import numpy as np
 
 from climbplan.climb.postures.nlp.layout import (
     MOMENTS,
-    Shape,
+    NlpStructure,
     build_number_layout,
     build_pin_layout,
     build_posture_layout,
     build_variable_layout,
 )
-from climbplan.program.layout import Layout
+from climbplan.program.layout import MatrixLayout
 from climbplan.program.stage import Stage
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 from climbplan.robots.symbols import build_rotation
-from climbplan.solvers.ipopt.trajectory import CompiledTrajectory, compile_trajectory
+from climbplan.solvers.ipopt.staged_program import CompiledStagedProgram, compile_staged_program
 
 CHORD_FACTOR = 3.0 / 8.0  # see `bound_chord_deviation`
 SETTINGS = {
@@ -73,7 +73,7 @@ def bound_chord_deviation(turn: Any, radius: Any) -> Any:
 class _LayoutStage(Stage):
     """A stage whose inputs are columns with layouts; `matrices` has the named arrays of each."""
 
-    def __init__(self, name: str, **layouts: Layout) -> None:
+    def __init__(self, name: str, **layouts: MatrixLayout) -> None:
         columns = {key: ca.SX.sym(key, layout.size) for key, layout in layouts.items()}
         super().__init__(name, columns)
         self.matrices = [layout.split(columns[key]) for key, layout in layouts.items()]
@@ -83,7 +83,7 @@ class _LayoutStage(Stage):
         self.between(name, ca.vertcat(*map(ca.vec, terms)), upper=0.0, unit=unit)
 
 
-def _build_round_stage(shape: Shape) -> Stage:
+def _build_round_stage(shape: NlpStructure) -> Stage:
     """Build the stage of one round: (old posture, variables, pins, numbers) -> costs and
     constraints.
     """
@@ -195,7 +195,7 @@ def _build_round_stage(shape: Shape) -> Stage:
     return stage
 
 
-def _build_goal_stage(shape: Shape) -> Stage:
+def _build_goal_stage(shape: NlpStructure) -> Stage:
     """Build the stage of the goal: cost and tolerance of the last posture."""
     stage = _LayoutStage(
         "goal", last=build_posture_layout(shape.limbs), numbers=build_number_layout(shape)
@@ -213,14 +213,14 @@ def _build_goal_stage(shape: Shape) -> Stage:
     return stage
 
 
-def build_posture_trajectory(shape: Shape) -> Trajectory:
+def build_posture_trajectory(shape: NlpStructure) -> StagedProgram:
     """Build M rounds of postures: com1, rpy1, toes1, ..., com2, ...; without bounds and initial
     values.
 
     Parameters are the `start` posture, the `pins` of every round and `numbers`, as in `layout`.
     """
     num_rounds, posture_size = shape.num_rounds, build_posture_layout(shape.limbs).size
-    trajectory = Trajectory("posture")
+    trajectory = StagedProgram("posture")
     start = trajectory.parameter("start", posture_size)
     pins = trajectory.parameter("pins", build_pin_layout(shape).size, num_rounds)
     numbers = trajectory.parameter("numbers", build_number_layout(shape).size)
@@ -245,6 +245,8 @@ def build_posture_trajectory(shape: Shape) -> Trajectory:
 
 
 @lru_cache(maxsize=8)
-def compile_posture_nlp(shape: Shape, iterations: int) -> CompiledTrajectory:
+def compile_posture_nlp(shape: NlpStructure, iterations: int) -> CompiledStagedProgram:
     """Return the program of a shape with IPOPT attached; equal shapes share one."""
-    return compile_trajectory(build_posture_trajectory(shape), {"max_iter": iterations, **SETTINGS})
+    return compile_staged_program(
+        build_posture_trajectory(shape), {"max_iter": iterations, **SETTINGS}
+    )

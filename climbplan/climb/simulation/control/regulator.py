@@ -13,7 +13,12 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.simulation.control.odometry import find_trusted_toes
 from climbplan.climb.simulation.control.steady_rate import compute_stable_rates
-from climbplan.control.joint_regulator import Corrections, Pose, RegulatorTables, build_chains
+from climbplan.control.joint_regulator import (
+    BodyPoseEstimate,
+    Corrections,
+    RegulatorTables,
+    build_chains,
+)
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.chain_pose import ChainZero
 from climbplan.robots.five_bar import FiveBar
@@ -165,7 +170,7 @@ class JointOdometry:
         self._robot = plan.robot
         has_linkage = isinstance(plan.robot.mechanism, FiveBar)
         self._chains = None if has_linkage else build_chains(tables)
-        self._pose = Pose(tables, toes)
+        self._pose = BodyPoseEstimate(tables, toes)
 
     def pose(self, sample: int, angles: Array) -> tuple[Array, Array]:
         """Estimate position and rotation to the world from angles (N, J) at a sample."""

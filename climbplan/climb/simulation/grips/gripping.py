@@ -137,7 +137,7 @@ class _ClosedGrip:
     filtered_wrench: Array  # (6,) force [N] and moment about the grip's centre [N m], smoothed
 
 
-class Grips:
+class GripperSimulation:
     """The grippers of a model while it follows a trajectory."""
 
     def __init__(

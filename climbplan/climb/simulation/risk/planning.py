@@ -102,7 +102,7 @@ def plan_with_risk(
         return first
     seed = loaded.spec.seed
     search = _Search(loaded, plan, override, execution, max_risk)
-    candidate = _Candidate(
+    candidate = _RatedPlan(
         first,
         read_margins(loaded.spec.margins),
         _estimate(first, NUM_SEARCH_WORLDS, seed, execution),
@@ -134,7 +134,7 @@ def plan_with_risk(
 
 
 @dataclass(frozen=True)
-class _Candidate:
+class _RatedPlan:
     """A plan, the margins that it was planned with, and the estimate of its risk."""
 
     plan: ClimbPlan
@@ -157,13 +157,13 @@ class _Search(Generic[L]):
         self._execution, self._max_risk = execution, max_risk
         self.log: list[str] = []
 
-    def log_candidate(self, candidate: _Candidate, is_validation: bool = False) -> None:
+    def log_candidate(self, candidate: _RatedPlan, is_validation: bool = False) -> None:
         """Append a candidate and its falls to the log."""
         prefix = "judged in fresh worlds: " if is_validation else ""
         falls_text = f"{candidate.risk.falls} of {len(candidate.risk.outcomes)} worlds fall"
         self.log.append(f"{prefix}margins {candidate.margins.text}: {falls_text}")
 
-    def find_better(self, start: _Candidate, max_falls: int) -> _Candidate:
+    def find_better(self, start: _RatedPlan, max_falls: int) -> _RatedPlan:
         """Find a plan with at most `max_falls` falls in the worlds of the first, or the best."""
         best, candidate, num_stalled = start, start, 0
         if not self._loaded.spec.margins.asked:
@@ -179,7 +179,7 @@ class _Search(Generic[L]):
                 self.log.append(f"margins {margins.text}: {line}")
                 break
             worlds, seed = len(start.risk.outcomes), start.risk.seed
-            candidate = _Candidate(plan, margins, _estimate(plan, worlds, seed, self._execution))
+            candidate = _RatedPlan(plan, margins, _estimate(plan, worlds, seed, self._execution))
             self.log_candidate(candidate)
             num_stalled = 0 if candidate.risk.falls < best.risk.falls else num_stalled + 1
             if candidate.risk.falls < best.risk.falls:
@@ -188,7 +188,7 @@ class _Search(Generic[L]):
                 break
         return self._try_gaits(best, max_falls)
 
-    def _try_gaits(self, best: _Candidate, max_falls: int) -> _Candidate:
+    def _try_gaits(self, best: _RatedPlan, max_falls: int) -> _RatedPlan:
         """Try other gaits if the climb leaves its gait open; return the best candidate."""
         task = self._loaded.spec.task
         limbs = best.plan.robot.limb_names
@@ -204,7 +204,7 @@ class _Search(Generic[L]):
                 self.log.append(f"margins {margins.text}: {line}")
                 continue
             worlds, seed = len(best.risk.outcomes), best.risk.seed
-            candidate = _Candidate(plan, margins, _estimate(plan, worlds, seed, self._execution))
+            candidate = _RatedPlan(plan, margins, _estimate(plan, worlds, seed, self._execution))
             self.log_candidate(candidate)
             if candidate.risk.falls < best.risk.falls:
                 best = candidate

@@ -28,10 +28,10 @@ from climbplan.climb.simulation.statics.linear_algebra import (
 from climbplan.climb.simulation.statics.state import (
     BodyState,
     ContactSolution,
-    Ground,
     JointSprings,
+    ScratchMemory,
     StepSettings,
-    Workspace,
+    TerrainGeometry,
 )
 from climbplan.climb.simulation.statics.surfaces import _project_to_surface
 
@@ -51,7 +51,7 @@ def _compute_toe_force(
     limb: int,
     springs: JointSprings,
     solution: ContactSolution,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> bool:
     """Compute the force on a toe at its place, and `work.contact_stiffness` G = R K R^T.
 
@@ -79,7 +79,7 @@ def _project_contact(
     mu: float,
     springs: JointSprings,
     solution: ContactSolution,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> int:
     """Project the force to the friction cone, in the metric of the limb's compliance.
 
@@ -168,10 +168,10 @@ def _solve_contact(
     limb: int,
     mu: float,
     settings: StepSettings,
-    ground: Ground,
+    ground: TerrainGeometry,
     springs: JointSprings,
     solution: ContactSolution,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> int:
     """Solve the contact of a limb's toe, which starts at its position in `solution`.
 

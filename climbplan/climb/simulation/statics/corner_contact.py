@@ -16,9 +16,9 @@ from climbplan.climb.simulation.statics.state import (
     BodyState,
     ContactSolution,
     ContactState,
-    Ground,
     JointSprings,
-    Workspace,
+    ScratchMemory,
+    TerrainGeometry,
 )
 from climbplan.climb.simulation.statics.surfaces import (
     SURFACE_TOLERANCE,
@@ -38,10 +38,10 @@ def _solve_corner_contact(
     limb: int,
     mu: float,
     contacts: ContactState,
-    ground: Ground,
+    ground: TerrainGeometry,
     springs: JointSprings,
     solution: ContactSolution,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> bool:
     """Return whether both surfaces together support a toe at its anchor; if so, it sticks.
 
@@ -107,7 +107,7 @@ def _project_to_cone(vector: Array, normal: Array, mu: float, out: Array) -> Non
 
 @compiled
 def _find_obstacle_hit(
-    limb: int, contacts: ContactState, ground: Ground, solution: ContactSolution
+    limb: int, contacts: ContactState, ground: TerrainGeometry, solution: ContactSolution
 ) -> tuple[int, int, float]:
     """Return solid and face into which a toe has slid in a step, -1 if none, and the depth [m]."""
     if solution.mode[limb] != SLIDES or solution.face[limb] == TUBE:

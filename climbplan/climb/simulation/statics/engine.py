@@ -34,9 +34,9 @@ from climbplan.climb.simulation.statics.state import (
     BY_JOINTS,
     BY_POSE,
     NO_REGULATOR,
-    Ground,
-    Motion,
+    PlannedMotion,
     RobotParameters,
+    TerrainGeometry,
 )
 from climbplan.climb.simulation.statics.time_stepping import simulate_motion
 from climbplan.climb.simulation.worlds.nominal_world import build_nominal_world, number_footholds
@@ -75,7 +75,7 @@ _REGULATORS = {
 class PreparedMotion:
     """A plan's motion, divided into S time steps."""
 
-    motion: Motion
+    motion: PlannedMotion
     sample: IntArray  # (S,) of the trajectory that each step ends at
     instant: IntArray  # (S,) planned instant it belongs to, -1 before the first
 
@@ -119,7 +119,7 @@ def prepare_steps(plan: ClimbPlan, conditions: Conditions) -> PreparedMotion:
     should_press = find_stance(plan) & (compute_planned_pressure(plan) >= MIN_STANCE_PRESSURE)
     duration = np.diff(trajectory.time[sample], prepend=trajectory.time[0]) / conditions.speed
     contiguous = np.ascontiguousarray
-    motion = Motion(
+    motion = PlannedMotion(
         zero_pose=zero,
         contact_points=compute_contact_points(plan, sample, angles, zero[:, 2 * robot.joint_count]),
         duration=duration,
@@ -178,7 +178,7 @@ def simulate_steps(
     return simulate_motion(motion, robot, ground, path)
 
 
-def _copy_zero_pose(motion: Motion) -> Array:
+def _copy_zero_pose(motion: PlannedMotion) -> Array:
     """Copy the limbs at zero angles, with the contact points of the first step."""
     zero_pose = motion.zero_pose.copy()
     if len(motion.contact_points):
@@ -234,7 +234,7 @@ def _draw_sensor_noise(limbs: int, joints: int, conditions: Conditions) -> Array
     return rng.normal(0.0, conditions.joint_noise, (size, limbs, joints))
 
 
-def build_ground(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> Ground:
+def build_ground(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> TerrainGeometry:
     """Build the collision geometry of a scenario's terrain under conditions."""
     regions = [s for s in terrain.surfaces if isinstance(s, Region)]
     tube_surfaces = [s for s in terrain.surfaces if isinstance(s, Tube)]
@@ -243,7 +243,7 @@ def build_ground(plan: ClimbPlan, terrain: Terrain, conditions: Conditions) -> G
     tubes = [(*t.center, t.radius + t.standoff, t.lower, t.upper) for t in tube_surfaces]
     # Toes of feet are where these touch; points have a small radius, as MuJoCo's have
     radius = TOE_RADIUS if plan.robot.foot is None else 0.0
-    return Ground(
+    return TerrainGeometry(
         solids=build_collision_solids(terrain, radius),
         friction=np.array(friction, float) * conditions.friction,
         tubes=np.array(tubes, float).reshape(-1, 5),

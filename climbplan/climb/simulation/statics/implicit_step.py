@@ -36,10 +36,10 @@ from climbplan.climb.simulation.statics.state import (
     BodyState,
     ContactSolution,
     ContactState,
-    Ground,
     JointSprings,
+    ScratchMemory,
     StepSettings,
-    Workspace,
+    TerrainGeometry,
 )
 from climbplan.climb.simulation.statics.surfaces import TUBE, _find_first_hit, _project_to_surface
 
@@ -57,11 +57,11 @@ def _compute_contact_wrench(
     body: BodyState,
     zero: Array,
     contacts: ContactState,
-    ground: Ground,
+    ground: TerrainGeometry,
     springs: JointSprings,
     settings: StepSettings,
     solution: ContactSolution,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> bool:
     """Solve all contacts; sum their wrenches in `work.residual` and stiffness in `work.stiffness`.
 
@@ -129,7 +129,7 @@ def _compute_contact_wrench(
 
 
 @compiled
-def _add_stiffness(arm: Array, force: Array, work: Workspace, matrix: Array) -> None:
+def _add_stiffness(arm: Array, force: Array, work: ScratchMemory, matrix: Array) -> None:
     """Add the stiffness -d(force, moment) / d(translation c, rotation w) of one contact.
 
     dF = -G dc + (G [r]x - P [f]x) dw and dM = r x dF + f x dc, with G the contact stiffness and P
@@ -166,7 +166,9 @@ def _add_stiffness(arm: Array, force: Array, work: Workspace, matrix: Array) -> 
 
 
 @compiled
-def _has_overshot(contacts: ContactState, ground: Ground, solution: ContactSolution) -> bool:
+def _has_overshot(
+    contacts: ContactState, ground: TerrainGeometry, solution: ContactSolution
+) -> bool:
     """Return whether a toe has slid too deep into a solid to locate its stop in a long step."""
     deepest = 0.0
     for i in range(len(solution.mode)):
@@ -181,10 +183,10 @@ def _solve_step(
     load: BodyLoad,
     zero: Array,
     contacts: ContactState,
-    ground: Ground,
+    ground: TerrainGeometry,
     springs: JointSprings,
     solution: ContactSolution,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> bool:
     """Move a body to its equilibrium at the end of a time step, in place.
 
@@ -243,7 +245,7 @@ def _extrapolate_motion(body: BodyState, span: float) -> None:
 
 @compiled
 def _add_loads(
-    body: BodyState, span: float, load: BodyLoad, gravity_force: Array, work: Workspace
+    body: BodyState, span: float, load: BodyLoad, gravity_force: Array, work: ScratchMemory
 ) -> float:
     """Add weight, external wrench and inertia to residual and stiffness; return the error [N].
 

@@ -28,7 +28,7 @@ from climbplan.climb.simulation.statics.linear_algebra import (
     _transform_matrix,
 )
 from climbplan.climb.simulation.statics.redundant_limb_equilibrium import _solve_redundant_limb
-from climbplan.climb.simulation.statics.state import JointSprings, Workspace
+from climbplan.climb.simulation.statics.state import JointSprings, ScratchMemory
 
 _POSITION_TOLERANCE = 3e-5  # [m] an error that the next Newton step squares
 _MAX_ITERATIONS = 12
@@ -44,7 +44,7 @@ def _solve_limb(
     angles: Array,
     force: Array,
     contact_stiffness: Array,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> bool:
     """Solve a limb with its toe at a target (3,), body frame, and update its angles (n,) in place.
 
@@ -108,7 +108,7 @@ def _solve_compliant_limb(
     angles: Array,
     force: Array,
     contact_stiffness: Array,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> bool:
     """Solve a limb whose toe is compliant; arguments and results are those of `_solve_limb`.
 

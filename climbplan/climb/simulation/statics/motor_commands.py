@@ -25,17 +25,17 @@ from climbplan.climb.simulation.statics.state import (
     BodyState,
     ContactSolution,
     JointSprings,
-    Motion,
-    Motors,
+    MotorState,
+    PlannedMotion,
     RegulatorState,
     RobotParameters,
-    Workspace,
+    ScratchMemory,
 )
 
 
 @compiled
 def _compute_commands(
-    motion: Motion,
+    motion: PlannedMotion,
     robot: RobotParameters,
     s: int,
     elapsed: float,
@@ -44,9 +44,9 @@ def _compute_commands(
     is_moving: bool,
     clock: float,
     body: BodyState,
-    motors: Motors,
+    motors: MotorState,
     regulator: RegulatorState,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> None:
     """Compute the set points of motors at the end of a time step.
 
@@ -104,12 +104,12 @@ def _compute_commands(
 
 @compiled
 def _update_springs(
-    motion: Motion,
+    motion: PlannedMotion,
     robot: RobotParameters,
     span: float,
     springs: JointSprings,
     solution: ContactSolution,
-    motors: Motors,
+    motors: MotorState,
 ) -> None:
     """Compute the joint springs that motors are in an implicit step of span [s].
 

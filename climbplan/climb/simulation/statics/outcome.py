@@ -12,8 +12,8 @@ from climbplan.climb.simulation.statics.state import (
     BodyState,
     ContactSolution,
     FootSlip,
-    Ground,
-    Motion,
+    PlannedMotion,
+    TerrainGeometry,
 )
 from climbplan.climb.simulation.statics.surfaces import TUBE
 from climbplan.simulation.measures import FALLEN, TUMBLED
@@ -50,7 +50,7 @@ def _record_sample(body: BodyState, solution: ContactSolution, path: Array) -> N
 
 
 @compiled
-def _has_fallen(motion: Motion, s: int, body: BodyState, row: Array) -> bool:
+def _has_fallen(motion: PlannedMotion, s: int, body: BodyState, row: Array) -> bool:
     """Return whether a body is too low or too tilted, and update the outcome's deviation."""
     squared_deviation, trace = 0.0, 0.0
     for a in range(3):
@@ -70,7 +70,9 @@ def _record_fall(s: int, row: Array) -> None:
 
 
 @compiled
-def _compute_friction_utilisation(limb: int, ground: Ground, solution: ContactSolution) -> float:
+def _compute_friction_utilisation(
+    limb: int, ground: TerrainGeometry, solution: ContactSolution
+) -> float:
     """Return the fraction of a toe's friction in use, 1 if it slides or has separated."""
     if solution.mode[limb] != STICKS:
         return 1.0
@@ -83,7 +85,12 @@ def _compute_friction_utilisation(limb: int, ground: Ground, solution: ContactSo
 
 @compiled
 def _update_outcome(
-    motion: Motion, s: int, ground: Ground, solution: ContactSolution, slip: FootSlip, row: Array
+    motion: PlannedMotion,
+    s: int,
+    ground: TerrainGeometry,
+    solution: ContactSolution,
+    slip: FootSlip,
+    row: Array,
 ) -> None:
     """Update maxima, slips and the first failure since no toe and no motor failed."""
     cause, limb = NO_CAUSE, -1

@@ -26,7 +26,7 @@ from climbplan.climb.simulation.statics.limb_kinematics import (
     _compute_kinematics,
 )
 from climbplan.climb.simulation.statics.linear_algebra import _apply_matrix, _dot, _invert
-from climbplan.climb.simulation.statics.state import JointSprings, Workspace
+from climbplan.climb.simulation.statics.state import JointSprings, ScratchMemory
 
 _MAX_ITERATIONS = 25
 _PENALTY_FACTOR = 10.0  # r by the largest joint stiffness
@@ -41,7 +41,7 @@ def _solve_redundant_limb(
     angles: Array,
     force: Array,
     contact_stiffness: Array,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> bool:
     """Solve a redundant limb; arguments and results are those of `limb_equilibrium._solve_limb`.
 

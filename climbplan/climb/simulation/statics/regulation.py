@@ -18,7 +18,7 @@ from climbplan.climb.simulation.statics.linear_algebra import (
     _invert,
     _rotate,
 )
-from climbplan.climb.simulation.statics.state import Motion, RegulatorState, Workspace
+from climbplan.climb.simulation.statics.state import PlannedMotion, RegulatorState, ScratchMemory
 from climbplan.control.joint_regulator import DECAY_RATE, FORCE_RATE, MAX_OFFSET, RATE
 
 CONTROL_PERIOD = 0.01  # [s] between readings of the regulator, as `replay.py` has it
@@ -84,10 +84,10 @@ def _compute_delayed_offsets(time: float, now: float, regulator: RegulatorState)
 
 @compiled
 def _estimate_pose(
-    motion: Motion,
+    motion: PlannedMotion,
     s: int,
     regulator: RegulatorState,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> None:
     """Estimate the pose of the body from joint readings, with standing toes as landmarks."""
     angles, toes, stood = (
@@ -126,7 +126,7 @@ def _fit_rigid_motion(
     toes: Array,
     com: Array,
     rotation: Array,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> None:
     """Fit com and rotation that map toe_body (N, 3) to toes (N, 3), in the least-squares sense.
 
@@ -188,7 +188,7 @@ def _fit_rigid_motion(
 
 @compiled
 def _update_offsets(
-    motion: Motion,
+    motion: PlannedMotion,
     s: int,
     fraction: float,
     span: float,
@@ -196,7 +196,7 @@ def _update_offsets(
     com: Array,
     rotation: Array,
     regulator: RegulatorState,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> None:
     """Integrate errors of body pose and contact forces over a span [s] into toe corrections.
 
@@ -257,7 +257,7 @@ def _update_offsets(
 
 
 @compiled
-def _add_offset_commands(motion: Motion, s: int, offset: Array, command: Array) -> None:
+def _add_offset_commands(motion: PlannedMotion, s: int, offset: Array, command: Array) -> None:
     """Add the joint motion that moves toes by offsets (N, 3) to commands (N, J)."""
     for i in range(len(command)):
         _add_matrix_product(motion.jacobian_inverse[s, i], offset[i], command[i])
@@ -274,7 +274,7 @@ def _limit_norm(vector: Array, max_norm: float) -> None:
 
 @compiled
 def _add_foothold_errors(
-    motion: Motion, s: int, foothold_error: Array, command: Array, work: Workspace
+    motion: PlannedMotion, s: int, foothold_error: Array, command: Array, work: ScratchMemory
 ) -> None:
     """Add the joint motion of foothold errors (N, P, 3) to commands (N, J)."""
     toe_offset = work.vectors[0]

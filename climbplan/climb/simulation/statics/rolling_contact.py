@@ -20,11 +20,11 @@ from climbplan.climb.simulation.statics.state import (
     BodyState,
     ContactState,
     FootSlip,
-    Ground,
-    Motion,
-    Motors,
+    MotorState,
+    PlannedMotion,
     RegulatorState,
-    Workspace,
+    ScratchMemory,
+    TerrainGeometry,
 )
 from climbplan.climb.simulation.statics.surfaces import _project_to_surface
 from climbplan.robots.last_link import last_link_body
@@ -71,15 +71,15 @@ def _compute_normals(plan: ClimbPlan) -> Array:
 
 @compiled
 def _roll_contacts(
-    motion: Motion,
+    motion: PlannedMotion,
     s: int,
     body: BodyState,
     contacts: ContactState,
-    ground: Ground,
-    motors: Motors,
+    ground: TerrainGeometry,
+    motors: MotorState,
     regulator: RegulatorState,
     slip: FootSlip,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> None:
     """Move the ends of limbs to the points that touch in step s, and the anchors with them."""
     toe_before, toe_after, shift = work.vectors[0], work.vectors[1], work.vectors[2]

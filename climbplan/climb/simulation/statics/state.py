@@ -12,7 +12,7 @@ from climbplan.arrays import Array
 NO_REGULATOR, BY_ATTITUDE, BY_JOINTS, BY_POSE = range(4)
 
 
-class Ground(NamedTuple):
+class TerrainGeometry(NamedTuple):
     """The collision geometry of the terrain in one scenario."""
 
     solids: Array  # (G, F, 4) rows of A and b of {A x <= b}, padded with zeros and ones
@@ -57,7 +57,7 @@ class ContactSolution(NamedTuple):
     saturated: Array  # (N,) 1 if a motor is at its torque limit
 
 
-class Motors(NamedTuple):
+class MotorState(NamedTuple):
     """Motors at the start of a time step, and their set points for its end."""
 
     rotor_angle: Array  # (N, J) before the backlash [rad]
@@ -124,7 +124,7 @@ class StepSettings(NamedTuple):
     accept_rough: bool  # accept a residual that is nearly balanced: toes snap between places
 
 
-class Workspace(NamedTuple):
+class ScratchMemory(NamedTuple):
     """Memory of the compiled functions: allocation would cost more than what they compute.
 
     Named fields are results that the caller reads. Rows of `vectors` and `matrices` are
@@ -145,7 +145,7 @@ class Workspace(NamedTuple):
     joint_matrix: Array  # (J, J)
 
 
-class Motion(NamedTuple):
+class PlannedMotion(NamedTuple):
     """A plan's motion in S time steps, the same in all scenarios."""
 
     zero_pose: Array  # (N, 2J + 1, 3) limbs at zero angles (`limb_kinematics.py`); toes may move

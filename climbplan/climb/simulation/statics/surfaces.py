@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.state import Ground
+from climbplan.climb.simulation.statics.state import TerrainGeometry
 
 TUBE = -2  # face index of a tube
 SURFACE_TOLERANCE = 1e-5  # [m] from a face within which a toe is on it
@@ -19,7 +19,7 @@ EDGE_TOLERANCE = 2e-3  # [m] from the edge of a solid within which an adjacent o
 
 @compiled
 def _find_first_hit(
-    start: Array, end: Array, ground: Ground, inflation: float, excluded: int
+    start: Array, end: Array, ground: TerrainGeometry, inflation: float, excluded: int
 ) -> tuple[int, int, float]:
     """Find the first solid or tube that a toe hits on the segment from start (3,) to end (3,).
 
@@ -78,7 +78,7 @@ def _find_first_hit(
 
 @compiled
 def _project_to_surface(
-    position: Array, solid: int, face: int, ground: Ground, normal: Array
+    position: Array, solid: int, face: int, ground: TerrainGeometry, normal: Array
 ) -> None:
     """Move a position (3,) to its surface, in place, and set the normal, into free space."""
     if face == TUBE:
@@ -97,7 +97,7 @@ def _project_to_surface(
 
 
 @compiled
-def _has_left_face(position: Array, solid: int, face: int, ground: Ground) -> bool:
+def _has_left_face(position: Array, solid: int, face: int, ground: TerrainGeometry) -> bool:
     """Return whether a position on a face lies beyond the bounds of the face."""
     if face == TUBE:
         return not ground.tubes[solid, 3] <= position[2] <= ground.tubes[solid, 4]

@@ -41,14 +41,14 @@ from climbplan.climb.simulation.statics.state import (
     ContactSolution,
     ContactState,
     FootSlip,
-    Ground,
     JointSprings,
-    Motion,
-    Motors,
+    MotorState,
+    PlannedMotion,
     RegulatorState,
     RobotParameters,
+    ScratchMemory,
     StepSettings,
-    Workspace,
+    TerrainGeometry,
 )
 from climbplan.climb.simulation.statics.surfaces import (
     EDGE_TOLERANCE,
@@ -69,7 +69,9 @@ _CONTACT_TOLERANCE = 1e-5  # [m] from a surface at which a toe starts in contact
 
 
 @compiled
-def simulate_motion(motion: Motion, robot: RobotParameters, ground: Ground, path: Array) -> Array:
+def simulate_motion(
+    motion: PlannedMotion, robot: RobotParameters, ground: TerrainGeometry, path: Array
+) -> Array:
     """Simulate a motion in one scenario and return its outcome.
 
     Args:
@@ -83,7 +85,7 @@ def simulate_motion(motion: Motion, robot: RobotParameters, ground: Ground, path
         (COLUMNS,) the outcome, with the columns of `outcome.py`.
     """
     n, joints = motion.command.shape[1], motion.command.shape[2]
-    work = Workspace(
+    work = ScratchMemory(
         np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)),
         np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((12, 3)), np.zeros((6, 3, 3)),
         np.zeros((4, joints)), np.zeros((joints, 3)), np.zeros((joints, joints)),
@@ -116,7 +118,7 @@ def simulate_motion(motion: Motion, robot: RobotParameters, ground: Ground, path
         robot.initial_angles.copy(), np.zeros(n, np.int64),
     )  # fmt: skip
     load = BodyLoad(robot.mass, robot.inertia, robot.gravity, robot.mass_offset, np.zeros(6))
-    motors = Motors(
+    motors = MotorState(
         robot.initial_angles.copy(),
         robot.initial_angles.copy(),
         np.zeros((n, joints)),
@@ -150,9 +152,9 @@ def simulate_motion(motion: Motion, robot: RobotParameters, ground: Ground, path
 
 @compiled
 def _advance_motion(
-    motion: Motion,
+    motion: PlannedMotion,
     robot: RobotParameters,
-    ground: Ground,
+    ground: TerrainGeometry,
     path: Array,
     row: Array,
     body: BodyState,
@@ -161,10 +163,10 @@ def _advance_motion(
     springs: JointSprings,
     contacts: ContactState,
     solution: ContactSolution,
-    motors: Motors,
+    motors: MotorState,
     regulator: RegulatorState,
     slip: FootSlip,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> None:
     """Advance all steps of `simulate_motion`, which allocates the arrays, and fill the outcome."""
     max_fraction, clock = 1.0, 0.0
@@ -284,16 +286,16 @@ def _apply_friction_losses(
 
 @compiled
 def _accept_step(
-    motion: Motion,
+    motion: PlannedMotion,
     body: BodyState,
     contacts: ContactState,
-    ground: Ground,
+    ground: TerrainGeometry,
     springs: JointSprings,
     solution: ContactSolution,
-    motors: Motors,
+    motors: MotorState,
     span: float,
     slip: FootSlip,
-    work: Workspace,
+    work: ScratchMemory,
 ) -> None:
     """Update contacts, slip and motors from the solution of a step, in place."""
     angles, rotor_angle, slid = motors.joint_angle, motors.rotor_angle, slip.distance

@@ -12,7 +12,7 @@ from climbplan.simulation.world import World
 
 
 @dataclass(frozen=True)
-class Footholds:
+class FootholdSchedule:
     """The foothold that each limb stands on or comes from, by sample of the trajectory."""
 
     index: IntArray  # (T, N)
@@ -20,7 +20,7 @@ class Footholds:
     count: int  # P, the largest number of footholds of a limb
 
 
-def number_footholds(contact: BoolArray) -> Footholds:
+def number_footholds(contact: BoolArray) -> FootholdSchedule:
     """Number the footholds of limbs by the contacts (T, N) of a trajectory."""
     index = np.zeros(contact.shape, np.int64)
     swing_phase = np.zeros(contact.shape)
@@ -32,7 +32,7 @@ def number_footholds(contact: BoolArray) -> Footholds:
             index[last:, limb] = k + 1
             swing_phase[first:last, limb] = np.arange(1, last - first + 1) / (last - first)
         max_count = max(max_count, len(air) + 1)
-    return Footholds(index, swing_phase, max_count)
+    return FootholdSchedule(index, swing_phase, max_count)
 
 
 def build_nominal_world(plan: ClimbPlan) -> World:

@@ -19,8 +19,8 @@ from climbplan.robots.urdf.proposal.lift_torque import compute_shifted_utilisati
 from climbplan.robots.urdf.proposal.posture_quality import evaluate_postures
 from climbplan.robots.urdf.proposal.postures import (
     MIN_REACH_MARGIN,
+    LeggedPosture,
     LegModel,
-    Posture,
     are_clear_of_body,
     rate_brace,
 )
@@ -32,17 +32,17 @@ _PERTURBATION_RANGE = (0.06, 0.015)  # of reach, from the first to the last
 _SUFFICIENT_MARGIN = 0.06  # [m] of reach margin, beyond which more has no value
 _MAX_UTILISATION = 1.4  # of a start of the local search
 
-IsClear = Callable[[Array, Posture], bool]
+IsClear = Callable[[Array, LeggedPosture], bool]
 """Whether a posture with links at points (N, P, 3) collides with nothing."""
 
 
 def refine_braces(
     legs: LegModel,
-    candidates: list[Posture],
+    candidates: list[LeggedPosture],
     friction: float,
     max_shift: float,
     is_clear: IsClear,
-) -> tuple[list[Posture], float]:
+) -> tuple[list[LeggedPosture], float]:
     """Return postures that hold with any one limb lifted, by exact kinematics.
 
     Args:
@@ -67,7 +67,7 @@ def refine_braces(
     return sorted(holding, key=_score_posture, reverse=True), utilisation
 
 
-def _score_posture(posture: Posture) -> float:
+def _score_posture(posture: LeggedPosture) -> float:
     """Return the unused torque fraction times the useful reach margin; the excess if too weak."""
     if posture.utilisation < 1:
         return min(posture.reach_margin, _SUFFICIENT_MARGIN) * (1 - posture.utilisation)
@@ -84,7 +84,7 @@ class _LocalSearch:
         self.max_shift, self.is_clear = max_shift, is_clear
         self.normal = legs.build_wall_normals()
 
-    def evaluate(self, posture: Posture, cutoff: float) -> Posture:
+    def evaluate(self, posture: LeggedPosture, cutoff: float) -> LeggedPosture:
         """Return a posture with its utilisation by exact kinematics, cut short above `cutoff`."""
         legs = self.legs
         utilisation, shift = compute_shifted_utilisation(
@@ -98,7 +98,7 @@ class _LocalSearch:
         )
         return rate_brace(posture, utilisation, shift)
 
-    def improve(self, posture: Posture, rng: np.random.Generator) -> Posture:
+    def improve(self, posture: LeggedPosture, rng: np.random.Generator) -> LeggedPosture:
         """Return the best posture of a chain of perturbations, each about the incumbent."""
         for spread in np.geomspace(*_PERTURBATION_RANGE, _NUM_PERTURBATIONS):
             candidate = self._perturb(posture, float(spread), rng)
@@ -114,7 +114,9 @@ class _LocalSearch:
                 posture = evaluated
         return posture
 
-    def _perturb(self, posture: Posture, spread: float, rng: np.random.Generator) -> Posture | None:
+    def _perturb(
+        self, posture: LeggedPosture, spread: float, rng: np.random.Generator
+    ) -> LeggedPosture | None:
         """Return the posture with perturbed toes; None where they are out of reach or collide.
 
         spread: standard deviation of the perturbation, as a fraction of reach.

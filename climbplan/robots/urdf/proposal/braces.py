@@ -14,8 +14,8 @@ from climbplan.robots.urdf.proposal.brace_refinement import refine_braces
 from climbplan.robots.urdf.proposal.lift_torque import TorqueShortage
 from climbplan.robots.urdf.proposal.postures import (
     MAX_SHIFT_RATIOS,
+    LeggedPosture,
     LegModel,
-    Posture,
     search_bracing_postures,
 )
 from climbplan.robots.urdf.workspace import estimate_reach
@@ -40,8 +40,8 @@ def compute_usable_friction(friction: float) -> float:
 def find_braces(
     robot: Robot,
     mirrored_legs: tuple[int | None, ...],
-    is_collision_free: Callable[[Posture], bool],
-) -> tuple[tuple[Posture, ...], str]:
+    is_collision_free: Callable[[LeggedPosture], bool],
+) -> tuple[tuple[LeggedPosture, ...], str]:
     """Find bracing postures between walls in which no parts of the robot collide.
 
     Args:
@@ -60,11 +60,11 @@ def find_braces(
     reach = estimate_full_reach(chain, low, high)
     legs = LegModel(chain, low, high, robot.max_torque, reach, robot.weight, mirrored_legs, box)
 
-    def is_clear(points: Array, posture: Posture) -> bool:
+    def is_clear(points: Array, posture: LeggedPosture) -> bool:
         hits_wall = np.abs(points[:, :-1, 0]).max() >= posture.gap / 2 - WALL_CLEARANCE
         return not hits_wall and is_collision_free(posture)
 
-    braces: list[Posture] = []
+    braces: list[LeggedPosture] = []
     failure = ""
     for friction in WALL_FRICTIONS:
         usable = compute_usable_friction(friction)

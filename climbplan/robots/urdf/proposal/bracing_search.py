@@ -26,13 +26,13 @@ from climbplan.robots.urdf.proposal.lift_torque import compute_torque_utilisatio
 from climbplan.robots.urdf.proposal.posture_quality import evaluate_postures
 from climbplan.robots.urdf.proposal.postures import (
     MAX_SHIFT_RATIOS,
-    Posture,
+    LeggedPosture,
     are_clear_of_body,
     rate_brace,
     select_best_postures,
     solve_toe_positions,
 )
-from climbplan.robots.urdf.proposal.prepared_robot import PreparedRobot, Proposal
+from climbplan.robots.urdf.proposal.prepared_robot import PreparedRobot, RobotProposal
 
 _NUM_SAMPLES = 4000
 _MAX_FORCE_CHECKS = 300  # best samples whose forces are computed
@@ -46,7 +46,7 @@ _BOUND_MARGIN = 0.12  # [rad] from joint bounds, for commands beyond the deflect
 _MIN_LIMB_CLEARANCE = 0.01  # [m] between limbs
 
 
-def propose_bracing_postures(proposal: Proposal, max_count: int) -> list[Proposal]:
+def propose_bracing_postures(proposal: RobotProposal, max_count: int) -> list[RobotProposal]:
     """Return the robot in up to `max_count` bracing postures, best first, always the same ones.
 
     Each returned proposal has its own posture as its only brace.
@@ -68,14 +68,14 @@ def propose_bracing_postures(proposal: Proposal, max_count: int) -> list[Proposa
     holding.sort(key=lambda posture: -posture.score)
     compute_clearance = robot.build_clearance_function()
     clear = [posture for posture in holding if not robot.has_self_collision(posture)]
-    refined: list[Posture] = []
+    refined: list[LeggedPosture] = []
     for posture in clear[:_MAX_REFINED]:
         refined += _refine_posture(robot, posture, compute_clearance, max_shift)
     refined.sort(key=lambda posture: -posture.score)
     return [_build_bracing_proposal(robot, posture) for posture in refined[:max_count]]
 
 
-def place_on_ground(bracing: Proposal, standing: Proposal) -> Proposal:
+def place_on_ground(bracing: RobotProposal, standing: RobotProposal) -> RobotProposal:
     """Return a bracing proposal with its toes where the robot stands on the ground.
 
     Args:
@@ -90,7 +90,7 @@ def place_on_ground(bracing: Proposal, standing: Proposal) -> Proposal:
     return replace(bracing, robot=replaced, posture=standing.posture)
 
 
-def _sample_bracing_postures(robot: PreparedRobot) -> list[Posture]:
+def _sample_bracing_postures(robot: PreparedRobot) -> list[LeggedPosture]:
     """Return sampled postures in reach, clear of walls and body, by reach margin.
 
     Toes are in the frame of the chains.
@@ -128,10 +128,10 @@ def _sample_bracing_postures(robot: PreparedRobot) -> list[Posture]:
 
 def _refine_posture(
     robot: PreparedRobot,
-    posture: Posture,
+    posture: LeggedPosture,
     compute_clearance: Callable[[Array], Array] | None,
     max_shift: float,
-) -> list[Posture]:
+) -> list[LeggedPosture]:
     """Return the posture and better ones nearby by exact kinematics, toes from the centre of mass.
 
     compute_clearance: distance between limbs (C,) [m] at angles (C, N, J), if it is known.
@@ -142,7 +142,7 @@ def _refine_posture(
     low, high = robot.legs.body_box
     legs = replace(robot.legs, chain=centred, body_box=(low - center, high - center))
 
-    def is_clear(points: Array, candidate: Posture) -> bool:
+    def is_clear(points: Array, candidate: LeggedPosture) -> bool:
         half = candidate.gap / 2 - WALL_CLEARANCE
         if np.abs(points[:, :-1, 0]).max() >= half or robot.has_self_collision(candidate):
             return False
@@ -155,7 +155,7 @@ def _refine_posture(
     return refine_braces(legs, [start], friction, max_shift, is_clear)[0]
 
 
-def _build_bracing_proposal(robot: PreparedRobot, posture: Posture) -> Proposal:
+def _build_bracing_proposal(robot: PreparedRobot, posture: LeggedPosture) -> RobotProposal:
     """Return a proposal that stands and braces in one posture, toes on the walls."""
     proposal = robot.build_proposal(posture, walls=False)
     toes = proposal.robot.stance_body.copy()

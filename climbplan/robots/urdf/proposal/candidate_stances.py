@@ -16,7 +16,11 @@ from climbplan.robots.urdf.proposal.braces import (
 )
 from climbplan.robots.urdf.proposal.flat_foot_stance import search_flat_foot_stances
 from climbplan.robots.urdf.proposal.lift_torque import TorqueShortage
-from climbplan.robots.urdf.proposal.postures import LegModel, Posture, search_standing_postures
+from climbplan.robots.urdf.proposal.postures import (
+    LeggedPosture,
+    LegModel,
+    search_standing_postures,
+)
 from climbplan.robots.urdf.proposal.prepared_robot import FLOOR_FRICTION, PreparedRobot
 from climbplan.robots.urdf.proposal.soles import Soles
 from climbplan.robots.urdf.proposal.wall_supported_stance import search_wall_supported_stances
@@ -29,7 +33,7 @@ _REACH_RATIO = 0.97  # of the full reach, that `estimate_reach` returns
 _MAX_RANGE_DIFFERENCE = 10.0  # [deg] between joint ranges of mirrored legs
 _STRONG_FACTOR = 100.0  # of the torque limits, to quantify what is missing
 
-SelectClear = Callable[[list[Posture]], list[Posture]]
+SelectClear = Callable[[list[LeggedPosture]], list[LeggedPosture]]
 """Returns the postures in which no parts of the robot touch."""
 
 
@@ -47,7 +51,7 @@ def find_candidate_stances(robot: PreparedRobot, walls: bool = True) -> Prepared
     """
     legs, is_arm = robot.legs, robot.naming.is_arm
 
-    def select_clear(postures: list[Posture]) -> list[Posture]:
+    def select_clear(postures: list[LeggedPosture]) -> list[LeggedPosture]:
         return [posture for posture in postures if not robot.has_self_collision(posture)]
 
     if robot.soles is not None:
@@ -102,7 +106,7 @@ def _describe_failure(
 
 def _find_flat_foot_stances(
     robot: PreparedRobot, soles: Soles, select_clear: SelectClear
-) -> list[Posture]:
+) -> list[LeggedPosture]:
     """Return the stances of a biped; raises UsageError where there are none."""
     legs, level = robot.legs, np.swapaxes(soles.axes_zero, -1, -2)
     postures = select_clear(search_flat_foot_stances(legs, soles, robot.compute_center))
@@ -125,8 +129,8 @@ def _find_flat_foot_stances(
 
 
 def _rank_by_stance_radius(
-    legs: LegModel, postures: list[Posture], level: Array | None = None
-) -> list[Posture]:
+    legs: LegModel, postures: list[LeggedPosture], level: Array | None = None
+) -> list[LeggedPosture]:
     """Return postures by stance radius, exact kinematics, times the unused torque; best first.
 
     level: rotations (N, 3, 3) of last links with which soles are level. Postures without any
@@ -163,7 +167,7 @@ def _describe_unequal_ranges(legs: LegModel) -> str:
     return f"; joints on its two sides turn by different angles [deg]: {', '.join(unequal)}"
 
 
-def _describe_weak_motor(legs: LegModel, held_by_strong: list[Posture]) -> str:
+def _describe_weak_motor(legs: LegModel, held_by_strong: list[LeggedPosture]) -> str:
     """Return what motors lack in the best of the postures that stronger ones would hold."""
     if not held_by_strong:
         return " none is in reach, clear of the ground and of itself, however strong the motors"

@@ -9,7 +9,7 @@ from typing import Any
 
 from climbplan.errors import SpecError
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
-from climbplan.robots.urdf.shapes import Shape, read_collision_shapes
+from climbplan.robots.urdf.shapes import CollisionShape, read_collision_shapes
 from climbplan.schema.document import Document
 from climbplan.schema.robots.source import build_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
@@ -67,7 +67,7 @@ class Draft:
         """Return its Pinocchio model."""
         return build_urdf_model(self.load_robot())
 
-    def read_shapes(self) -> tuple[list[Shape], str]:
+    def read_shapes(self) -> tuple[list[CollisionShape], str]:
         """Return the collision geometry, and why there is none if it cannot be read."""
         try:
             return read_collision_shapes(build_urdf_model(self.load_robot(meshes=True))), ""

@@ -18,8 +18,8 @@ from climbplan.robots.pose_inverse import pose_inverse
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal.postures import (
     MIN_REACH_MARGIN,
+    LeggedPosture,
     LegModel,
-    Posture,
     are_clear_of_body,
 )
 from climbplan.robots.urdf.proposal.soles import Soles
@@ -36,7 +36,7 @@ _MAX_JOINT_CHANGE = 0.5  # [rad] to which the first order is trusted
 
 def search_flat_foot_stances(
     legs: LegModel, soles: Soles, compute_center: Callable[[Array], Array]
-) -> list[Posture]:
+) -> list[LeggedPosture]:
     """Return postures of two legs, best first; toes in the frame of the chains.
 
     Args:
@@ -121,7 +121,7 @@ def _center_over_feet(
     compute_center: Callable[[Array], Array],
     angles: Array,
     toes: Array,
-) -> Posture | None:
+) -> LeggedPosture | None:
     """Return the posture with its feet under its centre of mass; None where it is infeasible."""
     if not np.isfinite(angles).all():
         return None
@@ -144,7 +144,7 @@ def _center_over_feet(
     if utilisation >= 1 or margin < MIN_REACH_MARGIN:
         return None
     shift = float(np.abs(toes[:, 0] - center[0]).max())
-    return Posture(angles, toes, margin * (1 - utilisation), margin, utilisation, shift=shift)
+    return LeggedPosture(angles, toes, margin * (1 - utilisation), margin, utilisation, shift=shift)
 
 
 def _compute_single_support_utilisation(

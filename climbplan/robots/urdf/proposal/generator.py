@@ -30,13 +30,13 @@ from climbplan.robots.urdf.proposal.limbs import (
 from climbplan.robots.urdf.proposal.motors import GRAVITY
 from climbplan.robots.urdf.proposal.prepared_robot import (
     PreparedRobot,
-    Proposal,
+    RobotProposal,
     prepare_robot,
 )
 from climbplan.robots.urdf.proposal.soles import Soles, find_soles
 from climbplan.robots.urdf.proposal.toe_placement import place_toes_on_surface
 from climbplan.robots.urdf.proposal.toes import Toe, center_on_spherical_feet, find_toe
-from climbplan.robots.urdf.shapes import Shape
+from climbplan.robots.urdf.shapes import CollisionShape
 from climbplan.schema.robots.urdf.checks import JOINTS_OF_FLAT_FEET
 from climbplan.schema.robots.urdf.model import FEWEST_FLAT_FEET, FEWEST_LEGS
 from climbplan.schema.robots.urdf.tree import UrdfJoint, UrdfTree, read_urdf
@@ -58,14 +58,14 @@ class DetectedLegs:
     tree: UrdfTree
     toes: tuple[Toe, ...]  # (N,)
     naming: LegNaming
-    shapes: list[Shape]
+    shapes: list[CollisionShape]
     geometry_error: str  # why there is no collision geometry; empty if there is
     soles: Soles | None = None  # of two legs, which stand on flat feet
 
 
 def propose_robot(
     urdf: Path, packages: dict[str, str] | None = None, toes: Sequence[str] = ()
-) -> Proposal:
+) -> RobotProposal:
     """Propose a robot configuration for a URDF.
 
     A robot with arms stands upright on all of its limbs if it can. Else it stands on hands and
@@ -277,7 +277,7 @@ def _build_draft(
 
 
 def _truncate_weak_limbs(
-    draft: Draft, limbs: tuple[LimbChain, ...], legs: list[int], shapes: list[Shape]
+    draft: Draft, limbs: tuple[LimbChain, ...], legs: list[int], shapes: list[CollisionShape]
 ) -> dict[int, TruncatedLimb]:
     """Return the legs that end before motors too weak for their toes, by limb number."""
     model = draft.build_model()

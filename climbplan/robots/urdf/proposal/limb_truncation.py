@@ -17,7 +17,7 @@ from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
 from climbplan.robots.urdf.proposal.limbs import LimbChain
 from climbplan.robots.urdf.proposal.toes import Toe, build_toe
 from climbplan.robots.urdf.robot_builder import build_chain_at_zero
-from climbplan.robots.urdf.shapes import Shape
+from climbplan.robots.urdf.shapes import CollisionShape
 from climbplan.schema.robots.urdf.checks import FEWEST_JOINTS
 from climbplan.schema.robots.urdf.tree import UrdfJoint
 
@@ -38,7 +38,11 @@ class TruncatedLimb:
 
 
 def truncate_weak_limb(
-    urdf_model: UrdfModel, limb: LimbChain, leg: LegAtZero, load: float, shapes: list[Shape]
+    urdf_model: UrdfModel,
+    limb: LimbChain,
+    leg: LegAtZero,
+    load: float,
+    shapes: list[CollisionShape],
 ) -> TruncatedLimb | None:
     """Return the limb without its weak end; None if its motors bear the load.
 
@@ -113,7 +117,7 @@ def _measure_lever_arm(leg: LegAtZero, limb: LimbChain) -> float:
 
 
 def _fold_back(
-    leg: LegAtZero, count: int, limb: LimbChain, shapes: list[Shape]
+    leg: LegAtZero, count: int, limb: LimbChain, shapes: list[CollisionShape]
 ) -> dict[str, float]:
     """Return angles [deg] of the joints beyond in which their links protrude least past the toe."""
     beyond, toe = limb.joints[count:], leg.joints[count]

@@ -34,7 +34,7 @@ class Motor:
 
 
 @dataclass
-class Motors:
+class JointMotors:
     """Motors by joint, and implausible data of the URDF."""
 
     joints: dict[str, Motor] = field(default_factory=dict)
@@ -47,7 +47,7 @@ class Motors:
         return max(sorted(set(values)), key=values.count)
 
 
-def propose_motors(legs: list[tuple[UrdfJoint, ...]], reach: Array, weight: float) -> Motors:
+def propose_motors(legs: list[tuple[UrdfJoint, ...]], reach: Array, weight: float) -> JointMotors:
     """Return limits and stiffness of all joints of legs.
 
     Stiffness is the P gain with which a joint gives its full torque 0.25 rad (14 degrees) off its
@@ -64,7 +64,7 @@ def propose_motors(legs: list[tuple[UrdfJoint, ...]], reach: Array, weight: floa
         reach: Reach of each leg (N,) [m].
         weight: Weight of the robot [N].
     """
-    motors = Motors()
+    motors = JointMotors()
     implausible: dict[str, list[str]] = {}
     common_reach = select_common_reach(reach)
     for joints, length in zip(legs, reach, strict=True):

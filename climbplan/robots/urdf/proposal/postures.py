@@ -49,7 +49,7 @@ _NEAR_BODY = 0.2  # of a limb's length, within which it may be in the body's box
 
 
 @dataclass(frozen=True)
-class Posture:
+class LeggedPosture:
     """One posture of N legs on ground or between walls."""
 
     angles: Array  # (N, J) [rad]
@@ -132,7 +132,7 @@ class LegModel:
         return BracedStance(toes, normal, jacobian, self.torque, self.weight, friction, max_shift)
 
 
-def search_standing_postures(legs: LegModel, count: int) -> list[Posture]:
+def search_standing_postures(legs: LegModel, count: int) -> list[LeggedPosture]:
     """Return up to `count` postures on level ground, best first."""
     low, out, fore = (
         x.ravel()
@@ -158,7 +158,7 @@ def search_standing_postures(legs: LegModel, count: int) -> list[Posture]:
 
 def search_bracing_postures(
     legs: LegModel, standing: Array, clearance: float, friction: float
-) -> tuple[list[Posture], TorqueShortage]:
+) -> tuple[list[LeggedPosture], TorqueShortage]:
     """Search for postures that hold the robot between two walls at equal distances.
 
     Args:
@@ -211,11 +211,11 @@ def _enumerate_wall_toes(legs: LegModel, clearance: float) -> tuple[Array, Array
 
 
 def _select_holding_braces(
-    legs: LegModel, candidates: list[Posture], friction: float
-) -> tuple[list[Posture], TorqueShortage]:
+    legs: LegModel, candidates: list[LeggedPosture], friction: float
+) -> tuple[list[LeggedPosture], TorqueShortage]:
     """Return candidates that hold with any one leg lifted, best first, and the least shortage."""
     normal = legs.build_wall_normals()
-    braces: list[Posture] = []
+    braces: list[LeggedPosture] = []
     shortage = TorqueShortage(np.inf)
     for ratio in MAX_SHIFT_RATIOS:
         if shortage.utilisation <= _WEAK_UTILISATION:
@@ -233,7 +233,7 @@ def _select_holding_braces(
     return sorted(braces, key=lambda brace: -brace.score), shortage
 
 
-def rate_brace(posture: Posture, utilisation: float, shift: float) -> Posture:
+def rate_brace(posture: LeggedPosture, utilisation: float, shift: float) -> LeggedPosture:
     """Return the posture with its utilisation and shift [m], and the score that follows."""
     score = posture.reach_margin * (1 - utilisation)
     return replace(posture, utilisation=utilisation, shift=shift, score=score)
@@ -328,7 +328,7 @@ def select_best_postures(
     feasible: BoolArray,
     count: int,
     gap: Array | None = None,
-) -> list[Posture]:
+) -> list[LeggedPosture]:
     """Return up to `count` candidates by the score of their worst leg, best first.
 
     Args:
@@ -343,7 +343,7 @@ def select_best_postures(
     score = np.where(valid, quality.score, -np.inf).min(axis=1)
     order = [int(i) for i in np.argsort(-score, kind="stable") if score[i] > 0]
     return [
-        Posture(
+        LeggedPosture(
             angles[i],
             toes[i],
             float(score[i]),

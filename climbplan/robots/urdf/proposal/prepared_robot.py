@@ -20,8 +20,8 @@ from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, build_ur
 from climbplan.robots.urdf.proposal.braces import estimate_full_reach, find_braces
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.leg_naming import LegNaming, find_mirrored_legs
-from climbplan.robots.urdf.proposal.motors import GRAVITY, Motors, propose_motors
-from climbplan.robots.urdf.proposal.postures import LegModel, Posture
+from climbplan.robots.urdf.proposal.motors import GRAVITY, JointMotors, propose_motors
+from climbplan.robots.urdf.proposal.postures import LeggedPosture, LegModel
 from climbplan.robots.urdf.proposal.self_collision import (
     SelfCollisionModel,
     build_self_collision_model,
@@ -34,7 +34,7 @@ from climbplan.robots.urdf.robot_builder import (
     build_robot_from_urdf,
     read_joint_angles,
 )
-from climbplan.robots.urdf.shapes import Shape, compute_body_box
+from climbplan.robots.urdf.shapes import CollisionShape, compute_body_box
 from climbplan.schema.robots.urdf.tree import UrdfTree
 
 STRUCTURAL_COMPLIANCE_SHARE = 0.1
@@ -43,7 +43,7 @@ _ANY_STANCE_RADIUS = 0.1  # [m], where a robot is built before its stance is kno
 
 
 @dataclass(frozen=True)
-class Proposal:
+class RobotProposal:
     """A proposed robot configuration with its reasons; N legs in leg order."""
 
     name: str
@@ -51,11 +51,11 @@ class Proposal:
     tree: UrdfTree
     toes: tuple[Toe, ...]  # (N,)
     naming: LegNaming
-    motors: Motors
+    motors: JointMotors
     prepared: PreparedRobot
     standing: dict[str, float]  # posture by joint [deg]
-    posture: Posture  # as it stands on ground, frame of the base
-    braces: tuple[Posture, ...]  # between walls, body frame, best first; may be empty
+    posture: LeggedPosture  # as it stands on ground, frame of the base
+    braces: tuple[LeggedPosture, ...]  # between walls, body frame, best first; may be empty
     brace_failure: str  # why there are none
     robot: Robot  # as it would be planned with
     body_box: tuple[Array, Array] | None  # corners from the base's collision geometry [m]
@@ -63,7 +63,7 @@ class Proposal:
     implausible: tuple[str, ...]  # implausible data of the URDF
     assumptions: tuple[str, ...]  # on what the URDF does not say
 
-    def generate_alternatives(self) -> Iterator[Proposal]:
+    def generate_alternatives(self) -> Iterator[RobotProposal]:
         """Yield the same robot in its other stances, the largest stance radius first."""
         for posture in self.prepared.stances:
             if posture is not self.posture:
@@ -78,13 +78,13 @@ class PreparedRobot:
     tree: UrdfTree
     toes: tuple[Toe, ...]  # (N,)
     naming: LegNaming
-    shapes: list[Shape]
+    shapes: list[CollisionShape]
     geometry_error: str  # why there is no collision geometry; empty if there is
     legs_at_zero: tuple[LegAtZero, ...]  # (N,)
-    motors: Motors
+    motors: JointMotors
     legs: LegModel  # frame of the base
     collision_model: SelfCollisionModel | None
-    stances: tuple[Posture, ...]  # best first; empty before they are searched for
+    stances: tuple[LeggedPosture, ...]  # best first; empty before they are searched for
     soles: Soles | None = None  # of two legs that stand on flat feet
 
     @cached_property
@@ -95,7 +95,7 @@ class PreparedRobot:
         """Return the centre of mass (3,) at angles (N, J), frame of the base [m]."""
         return self._model.compute_center(_map_joint_angles(self.legs_at_zero, angles))
 
-    def has_self_collision(self, posture: Posture) -> bool:
+    def has_self_collision(self, posture: LeggedPosture) -> bool:
         """Return whether parts of the robot touch; False without collision geometry."""
         angles = _map_joint_angles(self.legs_at_zero, posture.angles)
         model = self.collision_model
@@ -123,7 +123,9 @@ class PreparedRobot:
 
         return compute_clearance
 
-    def build_proposal(self, posture: Posture | None = None, walls: bool = True) -> Proposal:
+    def build_proposal(
+        self, posture: LeggedPosture | None = None, walls: bool = True
+    ) -> RobotProposal:
         """Return the proposal for one stance.
 
         Args:
@@ -146,17 +148,17 @@ class PreparedRobot:
             half = (x, y, z)
         robot = _build_planning_robot(draft, half, self.shapes)
 
-        def is_collision_free(brace: Posture) -> bool:
+        def is_collision_free(brace: LeggedPosture) -> bool:
             return not self.has_self_collision(brace)
 
-        braces: tuple[Posture, ...] = ()
+        braces: tuple[LeggedPosture, ...] = ()
         failure = ": flat feet are not put on walls" if self.soles is not None else ""
         if walls and self.soles is None:
             braces, failure = find_braces(robot, self.legs.mirrored_legs, is_collision_free)
         buried = []
         if self.soles is None:
             buried = _describe_buried_toes(self.toes, self.legs_at_zero, self.shapes, draft.foot)
-        return Proposal(
+        return RobotProposal(
             name=robot.name,
             draft=draft,
             tree=self.tree,
@@ -204,7 +206,7 @@ def prepare_robot(
     tree: UrdfTree,
     toes: Sequence[Toe],
     naming: LegNaming,
-    shapes: list[Shape],
+    shapes: list[CollisionShape],
     geometry_error: str,
 ) -> PreparedRobot:
     """Compute motors, locked joints and the leg model with which postures are searched for.
@@ -297,7 +299,7 @@ def _map_joint_angles(legs: Sequence[LegAtZero], angles: Array) -> dict[str, flo
     }
 
 
-def _build_joint_section(motors: Motors) -> dict[str, dict[str, float]]:
+def _build_joint_section(motors: JointMotors) -> dict[str, dict[str, float]]:
     """Return the section's limits where the URDF's are implausible, and unusual stiffness."""
     section = {}
     for name, motor in motors.joints.items():
@@ -313,7 +315,7 @@ def _build_joint_section(motors: Motors) -> dict[str, dict[str, float]]:
 def _build_planning_robot(
     draft: Draft,
     half: tuple[float, ...] | None,
-    shapes: list[Shape],
+    shapes: list[CollisionShape],
 ) -> Robot:
     """Return the robot as planning has it; half: extents of the body without geometry [m]."""
     robot = draft.load_robot(meshes=bool(shapes))
@@ -336,7 +338,7 @@ def _describe_massless_links(tree: UrdfTree) -> list[str]:
 
 
 def _describe_buried_toes(
-    toes: Sequence[Toe], legs: Sequence[LegAtZero], shapes: list[Shape], foot: float
+    toes: Sequence[Toe], legs: Sequence[LegAtZero], shapes: list[CollisionShape], foot: float
 ) -> list[str]:
     """Return a note on toes beyond which the collision geometry of their links reaches.
 

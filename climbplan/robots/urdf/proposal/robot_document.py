@@ -9,11 +9,11 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.model import Robot, dynamics_of
-from climbplan.robots.urdf.proposal.prepared_robot import STRUCTURAL_COMPLIANCE_SHARE, Proposal
+from climbplan.robots.urdf.proposal.prepared_robot import STRUCTURAL_COMPLIANCE_SHARE, RobotProposal
 from climbplan.robots.urdf.proposal.yaml_format import format_mapping, format_scalar
 
 
-def format_robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
+def format_robot_document(proposal: RobotProposal, urdf: str, pages: str) -> str:
     """Return the robot file.
 
     Args:
@@ -31,7 +31,7 @@ def format_robot_document(proposal: Proposal, urdf: str, pages: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _format_header(proposal: Proposal, urdf: str, pages: str) -> list[str]:
+def _format_header(proposal: RobotProposal, urdf: str, pages: str) -> list[str]:
     """Return the notes for readers, and the lines on the URDF and the axes of its base."""
     draft = proposal.draft
     lines = [
@@ -54,7 +54,7 @@ def _format_header(proposal: Proposal, urdf: str, pages: str) -> list[str]:
     return lines
 
 
-def _format_joints(proposal: Proposal) -> list[str]:
+def _format_joints(proposal: RobotProposal) -> list[str]:
     """Return the lines on mass, stiffness, motors and locked joints."""
     draft, robot = proposal.draft, proposal.robot
     lines = [
@@ -92,7 +92,7 @@ def _format_joints(proposal: Proposal) -> list[str]:
     return lines
 
 
-def _format_body(proposal: Proposal) -> list[str]:
+def _format_body(proposal: RobotProposal) -> list[str]:
     """Return the lines on the size of the body, its links, its feet and its workspace."""
     robot = proposal.robot
     if proposal.body_box is not None:
@@ -110,7 +110,7 @@ def _format_body(proposal: Proposal) -> list[str]:
     ]
 
 
-def _format_legs(proposal: Proposal) -> list[str]:
+def _format_legs(proposal: RobotProposal) -> list[str]:
     """Return the section of the legs: toes and standing posture."""
     robot = proposal.robot
     height = -robot.stance_body[:, 2].mean()
@@ -189,7 +189,7 @@ def _format_link_radii(robot: Robot) -> list[str]:
     ]
 
 
-def format_urdf_path(proposal: Proposal, directory: Path) -> str:
+def format_urdf_path(proposal: RobotProposal, directory: Path) -> str:
     """Return the URDF's path as a robot file in `directory` names it: relative where it is near."""
     urdf = proposal.draft.urdf
     folder = directory.resolve()

@@ -17,7 +17,7 @@ from scipy.spatial import ConvexHull, QhullError
 from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
 from climbplan.robots.urdf.proposal.toes import Toe, build_toe
-from climbplan.robots.urdf.shapes import Shape
+from climbplan.robots.urdf.shapes import CollisionShape
 
 _FACE_TOLERANCE = 3e-3  # [m] from the face, of points that bear load
 _MIN_SIZE = 0.02  # [m] of length and width
@@ -36,7 +36,7 @@ class Soles:
 
 
 def find_soles(
-    urdf_model: UrdfModel, names: Sequence[str], toes: Sequence[Toe], shapes: list[Shape]
+    urdf_model: UrdfModel, names: Sequence[str], toes: Sequence[Toe], shapes: list[CollisionShape]
 ) -> Soles | None:
     """Find the soles of legs.
 
@@ -71,7 +71,9 @@ def find_soles(
     return Soles(tuple(centred), length, width, np.array(rotations))
 
 
-def _find_sole_face(leg: LegAtZero, shapes: list[Shape]) -> tuple[Array, Array, Array] | None:
+def _find_sole_face(
+    leg: LegAtZero, shapes: list[CollisionShape]
+) -> tuple[Array, Array, Array] | None:
     """Return middle (3,), size (2,) lateral and forward [m], and axes (3, 3) of a leg's sole.
 
     shapes: those of its last body. None where there is no face of sufficient size.

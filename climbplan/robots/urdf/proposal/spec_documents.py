@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.robots.urdf.proposal.braces import FRICTION_SAFETY, WALL_FRICTIONS
-from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.prepared_robot import FLOOR_FRICTION, Proposal
+from climbplan.robots.urdf.proposal.postures import LeggedPosture
+from climbplan.robots.urdf.proposal.prepared_robot import FLOOR_FRICTION, RobotProposal
 from climbplan.robots.urdf.proposal.yaml_format import format_scalar, format_vector
 
 # Fractions of the stance radius, the ball about its stance that a toe reaches:
@@ -42,7 +42,7 @@ _UNCERTAIN = """uncertainty:  # ASSUMED, standard deviations of the worlds in wh
 """
 
 
-def format_ground_document(proposal: Proposal, robot_file: str) -> str:
+def format_ground_document(proposal: RobotProposal, robot_file: str) -> str:
     """Return the spec of a few steps over flat ground.
 
     Args:
@@ -80,7 +80,7 @@ trajectory: {{swing_clearance: {min(_LIFT * radius, 0.05):.4f}{_format_speed(pro
 """
 
 
-def format_chimney_document(proposal: Proposal, robot_file: str, brace: Posture) -> str:
+def format_chimney_document(proposal: RobotProposal, robot_file: str, brace: LeggedPosture) -> str:
     """Return the spec of a climb up between two walls.
 
     Args:
@@ -126,7 +126,7 @@ trajectory: {{swing_clearance: {min(_LIFT * radius, 0.05):.4f}}}
 
 
 def format_stairs_document(
-    proposal: Proposal, robot_file: str, leans: bool = True, gentle: bool = False
+    proposal: RobotProposal, robot_file: str, leans: bool = True, gentle: bool = False
 ) -> str:
     """Return the spec of a walk up two stairs.
 
@@ -192,7 +192,7 @@ trajectory: {{swing_clearance: {_EDGE_LIFT * stair:.4f}{_format_speed(proposal, 
 """
 
 
-def format_wall_document(proposal: Proposal, robot_file: str, brace: Posture) -> str:
+def format_wall_document(proposal: RobotProposal, robot_file: str, brace: LeggedPosture) -> str:
     """Return the spec of a transition from standing on the ground to bracing between walls.
 
     Args:
@@ -246,12 +246,12 @@ trajectory: {{swing_clearance: {lift:.4f}}}
 """
 
 
-def _compute_wall_gap(proposal: Proposal, toe_gap: float) -> float:
+def _compute_wall_gap(proposal: RobotProposal, toe_gap: float) -> float:
     """Return the distance between walls on which toes are so far apart [m]."""
     return toe_gap + 2 * proposal.robot.standoff
 
 
-def _measure_stance(proposal: Proposal) -> tuple[float, float, float]:
+def _measure_stance(proposal: RobotProposal) -> tuple[float, float, float]:
     """Return the body's height, the horizontal distance of its farthest toe, and its shift [m]."""
     stance = proposal.robot.stance_body
     distance = float(np.linalg.norm(stance[:, :2], axis=1).max())
@@ -261,7 +261,7 @@ def _measure_stance(proposal: Proposal) -> tuple[float, float, float]:
     return float(-stance[:, 2].min()) + proposal.robot.standoff, distance, shift
 
 
-def _format_speed(proposal: Proposal, step: float) -> str:
+def _format_speed(proposal: RobotProposal, step: float) -> str:
     """Return the speed key of a quasi-static walk that advances by `step` a round [m].
 
     Empty where the default speed is slow enough.
@@ -274,7 +274,7 @@ def _format_speed(proposal: Proposal, step: float) -> str:
     return f", speed: {speed:.2g}" if speed < _DEFAULT_SPEED else ""
 
 
-def _format_start(proposal: Proposal, gap: float = 0.0) -> str:
+def _format_start(proposal: RobotProposal, gap: float = 0.0) -> str:
     """Return the start of a task: toes on the ground, and those of arms on walls.
 
     gap: distance between the walls [m]; 0 for that of the stance.
@@ -297,7 +297,7 @@ def _format_start(proposal: Proposal, gap: float = 0.0) -> str:
     return f"  start:\n    com: [0, 0, {height:.4f}]\n    toes:  # [m] as it stands\n{listed}"
 
 
-def _format_floor(proposal: Proposal, extent: float) -> str:
+def _format_floor(proposal: RobotProposal, extent: float) -> str:
     """Return the ground, and walls for the hands of a robot that stands between them."""
     gap = proposal.posture.gap
     half_width = f"{_compute_wall_gap(proposal, gap) / 2:.4f}" if gap else f"{extent:.1f}"
@@ -307,7 +307,7 @@ def _format_floor(proposal: Proposal, extent: float) -> str:
     return f"{ground}\n{_format_walls(proposal, extent)}" if gap else ground
 
 
-def _format_walls(proposal: Proposal, extent: float) -> str:
+def _format_walls(proposal: RobotProposal, extent: float) -> str:
     gap = _compute_wall_gap(proposal, proposal.posture.gap)
     return (
         f"  walls: {{gap: {gap:.4f}, along: [-{extent:.1f}, {extent:.1f}], up: [0, {extent:.1f}]}}"

@@ -15,7 +15,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel
 from climbplan.robots.urdf.proposal.toes import Toe, build_toe
-from climbplan.robots.urdf.shapes import Shape
+from climbplan.robots.urdf.shapes import CollisionShape
 from climbplan.robots.urdf.toe_surface import (
     TOLERANCE,
     compute_depth,
@@ -36,7 +36,7 @@ _TIE_TOLERANCE = 1e-4  # [m] within which points are equally near
 
 
 def place_toes_on_surface(
-    urdf_model: UrdfModel, names: Sequence[str], toes: list[Toe], shapes: list[Shape]
+    urdf_model: UrdfModel, names: Sequence[str], toes: list[Toe], shapes: list[CollisionShape]
 ) -> tuple[list[Toe], float]:
     """Return toes moved to where their legs touch, and the radius of spherical feet [m], or 0.
 
@@ -76,8 +76,8 @@ def place_toes_on_surface(
 
 
 def _select_touching_shapes(
-    urdf_model: UrdfModel, leg: LegAtZero, toe: Toe, shapes: Sequence[Shape]
-) -> list[Shape]:
+    urdf_model: UrdfModel, leg: LegAtZero, toe: Toe, shapes: Sequence[CollisionShape]
+) -> list[CollisionShape]:
     """Return what touches at a toe: its own links, or locked ones under it, such as wheels.
 
     Nothing for limbs that end before weak motors: the links beyond are taken to be out of the way.
@@ -92,7 +92,7 @@ def _select_touching_shapes(
     return leg_shapes if is_on_locked else toe_shapes
 
 
-def _fit_end_sphere(leg: LegAtZero, shapes: list[Shape]) -> tuple[Array, float] | None:
+def _fit_end_sphere(leg: LegAtZero, shapes: list[CollisionShape]) -> tuple[Array, float] | None:
     """Return centre (3,) and radius [m] of the sphere at the end of a last body; None without one.
 
     The sphere reaches exactly as far as the body along the leg, and by least squares elsewhere.
@@ -116,7 +116,9 @@ def _fit_end_sphere(leg: LegAtZero, shapes: list[Shape]) -> tuple[Array, float] 
     return np.asarray(centre), radius
 
 
-def _move_to_surface(urdf_model: UrdfModel, leg: LegAtZero, toe: Toe, shapes: list[Shape]) -> Toe:
+def _move_to_surface(
+    urdf_model: UrdfModel, leg: LegAtZero, toe: Toe, shapes: list[CollisionShape]
+) -> Toe:
     """Return the toe where the line from the last joint through it leaves the collision geometry.
 
     If a toe is outside and that line leaves elsewhere than at the end, it is the nearest point of

@@ -10,7 +10,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.urdf.pinocchio_model import UrdfModel
-from climbplan.robots.urdf.shapes import Shape
+from climbplan.robots.urdf.shapes import CollisionShape
 from climbplan.robots.urdf.toe_surface import compute_offset_in_link
 
 _FOOT_NAME = re.compile(r"foot|feet|toe|sole|tip|contact", re.IGNORECASE)
@@ -31,7 +31,7 @@ class Toe:
     is_truncated: bool = False  # whether the limb ends there, before weak motors
 
 
-def find_toe(urdf_model: UrdfModel, joint: str, end: str, shapes: list[Shape]) -> Toe:
+def find_toe(urdf_model: UrdfModel, joint: str, end: str, shapes: list[CollisionShape]) -> Toe:
     """Find the toe of a limb.
 
     A link fixed to the last body whose name is that of a foot (foot, toe, sole, tip, contact) is
@@ -82,7 +82,7 @@ def build_toe(urdf_model: UrdfModel, link: str, point: Array, reason: str) -> To
 
 
 def center_on_spherical_feet(
-    urdf_model: UrdfModel, names: Sequence[str], toes: list[Toe], shapes: list[Shape]
+    urdf_model: UrdfModel, names: Sequence[str], toes: list[Toe], shapes: list[CollisionShape]
 ) -> tuple[list[Toe], float]:
     """Move toes to the centres of spherical feet.
 
@@ -134,7 +134,7 @@ def center_on_spherical_feet(
 
 
 def _find_far_end(
-    urdf_model: UrdfModel, origin: Array, joint: str, shapes: list[Shape]
+    urdf_model: UrdfModel, origin: Array, joint: str, shapes: list[CollisionShape]
 ) -> tuple[Array | None, float]:
     """Return the middle of the farthest points of a joint's shapes and their distance [m].
 

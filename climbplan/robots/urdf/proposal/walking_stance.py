@@ -21,8 +21,8 @@ from climbplan.robots.urdf.proposal.generator import (
     detect_legs,
     prepare_detected_legs,
 )
-from climbplan.robots.urdf.proposal.postures import Posture
-from climbplan.robots.urdf.proposal.prepared_robot import PreparedRobot, Proposal
+from climbplan.robots.urdf.proposal.postures import LeggedPosture
+from climbplan.robots.urdf.proposal.prepared_robot import PreparedRobot, RobotProposal
 from climbplan.robots.urdf.proposal.weight_shift_stance import search_ground_postures
 from climbplan.robots.urdf.toe_boxes import compute_weight_fractions, grow_toe_boxes
 from climbplan.robots.urdf.walking_body import TO_WALKING
@@ -38,7 +38,7 @@ _MAX_MEASURED = 20  # candidates whose boxes are measured
 class _WalkingStance:
     """A posture in walking's axes, pairs of legs from front to hind."""
 
-    posture: Posture
+    posture: LeggedPosture
     order: list[int]
     center: Array  # (3,) [m], frame of the chains
     toes: Array  # (N, 3) from it [m]
@@ -56,7 +56,9 @@ class _WalkingStance:
         return extent * (1 - 1 / self.strength) - _DIAGONAL_OFFSET_COST * self.diagonal_offset
 
 
-def propose_walking_stances(proposal: Proposal, max_count: int) -> tuple[list[Proposal], str]:
+def propose_walking_stances(
+    proposal: RobotProposal, max_count: int
+) -> tuple[list[RobotProposal], str]:
     """Return the robot in up to `max_count` stances to walk at speed in, best first.
 
     A robot that stands with its hands on walls walks on hands and feet. Braces between walls are
@@ -69,7 +71,7 @@ def propose_walking_stances(proposal: Proposal, max_count: int) -> tuple[list[Pr
         robots = list(_prepare_prone_and_supine(proposal))
     else:
         robots = [proposal.prepared]
-    proposals: list[Proposal] = []
+    proposals: list[RobotProposal] = []
     reasons = []
     for robot in robots:
         postures, reason = search_walking_stances(robot, max_count - len(proposals))
@@ -80,7 +82,7 @@ def propose_walking_stances(proposal: Proposal, max_count: int) -> tuple[list[Pr
     return proposals, "; ".join(reason for reason in reasons if reason)
 
 
-def _prepare_prone_and_supine(proposal: Proposal) -> Iterator[PreparedRobot]:
+def _prepare_prone_and_supine(proposal: RobotProposal) -> Iterator[PreparedRobot]:
     """Yield the robot on hands and feet, with its front and then its back down."""
     draft = proposal.draft
     for axes in PRONE_AND_SUPINE_AXES:
@@ -89,7 +91,7 @@ def _prepare_prone_and_supine(proposal: Proposal) -> Iterator[PreparedRobot]:
         )
 
 
-def search_walking_stances(robot: PreparedRobot, max_count: int) -> tuple[list[Posture], str]:
+def search_walking_stances(robot: PreparedRobot, max_count: int) -> tuple[list[LeggedPosture], str]:
     """Search for postures on level ground whose toes have boxes to walk in.
 
     Returns:
@@ -104,7 +106,7 @@ def search_walking_stances(robot: PreparedRobot, max_count: int) -> tuple[list[P
     ]
     strong = [stance for stance in stances if stance.strength > _MIN_STRENGTH]
     strong.sort(key=lambda stance: -stance.compute_score(stance.posture.reach_margin))
-    postures: list[Posture] = []
+    postures: list[LeggedPosture] = []
     reason = ""
     for stance in strong[:_MAX_MEASURED]:
         if robot.has_self_collision(stance.posture):
@@ -136,7 +138,7 @@ def _measure_extent(robot: PreparedRobot, stance: _WalkingStance) -> float | str
 
 
 def _describe_failure(
-    reached: list[Posture],
+    reached: list[LeggedPosture],
     stances: list[_WalkingStance],
     strong: list[_WalkingStance],
     reason: str,
@@ -162,7 +164,7 @@ def _describe_failure(
     return reason or f"parts touch in all of {len(strong)} postures that would hold"
 
 
-def _build_walking_stance(robot: PreparedRobot, posture: Posture) -> _WalkingStance | None:
+def _build_walking_stance(robot: PreparedRobot, posture: LeggedPosture) -> _WalkingStance | None:
     """Return the posture as a walking stance; None where toes are no pairs about its centre."""
     legs, center = robot.legs, robot.compute_center(posture.angles)
     toes = (posture.toes - center) @ TO_WALKING.T

@@ -20,8 +20,8 @@ from climbplan.robots.urdf.proposal.lift_torque import (
 from climbplan.robots.urdf.proposal.posture_quality import PostureQuality, evaluate_postures
 from climbplan.robots.urdf.proposal.postures import (
     MIN_LIMB_CLEARANCE,
+    LeggedPosture,
     LegModel,
-    Posture,
     are_clear_of_body,
     rate_brace,
     select_best_postures,
@@ -58,7 +58,7 @@ def search_wall_supported_stances(
     clearance: float,
     friction: float,
     compute_clearance: Callable[[Array], Array] | None = None,
-) -> tuple[list[Posture], TorqueShortage]:
+) -> tuple[list[LeggedPosture], TorqueShortage]:
     """Search for stances with feet on the ground and hands on walls.
 
     Args:

@@ -18,8 +18,8 @@ from climbplan.robots.urdf.proposal.posture_quality import evaluate_postures
 from climbplan.robots.urdf.proposal.postures import (
     MIN_LIMB_CLEARANCE,
     MIN_LINK_HEIGHT,
+    LeggedPosture,
     LegModel,
-    Posture,
     are_clear_of_body,
     rate_brace,
     select_best_postures,
@@ -40,7 +40,7 @@ def search_weight_shift_stances(
     compute_center: Callable[[Array], Array],
     friction: float,
     compute_clearance: Callable[[Array], Array] | None = None,
-) -> list[Posture]:
+) -> list[LeggedPosture]:
     """Return stances that hold with any one limb lifted, best first.
 
     Args:
@@ -69,7 +69,7 @@ def search_weight_shift_stances(
 
 def search_ground_postures(
     legs: LegModel, compute_clearance: Callable[[Array], Array] | None, max_count: int | None
-) -> list[Posture]:
+) -> list[LeggedPosture]:
     """Return postures on level ground by their reach margin, whatever they bear; best first.
 
     Args:

@@ -35,10 +35,10 @@ def convert_mjcf_to_urdf(path: Path, root: Element) -> str:
 
     Raises MissingSolver without MuJoCo and UrdfFault for what has no counterpart in a URDF.
     """
-    return _Writer(compile_mjcf(path, root), path).text()
+    return _UrdfWriter(compile_mjcf(path, root), path).text()
 
 
-class _Writer:
+class _UrdfWriter:
     def __init__(self, compiled_model: Mjcf, path: Path) -> None:
         self.found, self.path = compiled_model, path
         self.library, self.spec, self.model = (

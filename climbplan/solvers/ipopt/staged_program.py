@@ -1,4 +1,4 @@
-"""Solve a stated trajectory with IPOPT, compiled once or solved once; its rows judge the point."""
+"""Solve a staged program with IPOPT, compiled once or solved once; its rows judge the point."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.program.residuals import BlockResidual
-from climbplan.program.trajectory import Trajectory
+from climbplan.program.staged_program import StagedProgram
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers.ipopt.program import IpoptProgram, NlpPoint
 
@@ -20,7 +20,7 @@ FEASIBLE = 1e-6  # largest violation at which an answer counts as solved
 
 
 @dataclass(frozen=True)
-class TrajectoryAnswer:
+class StagedProgramAnswer:
     """The point at which IPOPT stopped, and its quality."""
 
     values: tuple[Array, ...]  # values of the outputs
@@ -43,10 +43,10 @@ class TrajectoryAnswer:
 
 
 @dataclass(frozen=True)
-class CompiledTrajectory:
+class CompiledStagedProgram:
     """IPOPT, and the statement from which it was compiled: parameters change, rows do not."""
 
-    stated: Trajectory
+    stated: StagedProgram
     solver: IpoptProgram
     bounds: Bounds  # as stated
 
@@ -56,26 +56,26 @@ class CompiledTrajectory:
         return self.stated.residuals(point.rows, (row_bounds.row_lower, row_bounds.row_upper))
 
 
-def compile_trajectory(
-    stated: Trajectory,
+def compile_staged_program(
+    stated: StagedProgram,
     settings: Mapping[str, Any],
     expand: bool = False,
     hessian: ca.Function | None = None,
-) -> CompiledTrajectory:
+) -> CompiledStagedProgram:
     """Compile a statement with parameters for IPOPT; see `IpoptProgram` for the options."""
     problem = {"x": stated.x, "p": stated.p, "f": stated.cost, "g": stated.rows}
     solver = IpoptProgram(stated.name, problem, settings, expand, hessian)
-    return CompiledTrajectory(stated, solver, Bounds(*stated.bounds, *stated.row_bounds))
+    return CompiledStagedProgram(stated, solver, Bounds(*stated.bounds, *stated.row_bounds))
 
 
-def solve_trajectory(
-    trajectory: Trajectory,
+def solve_staged_program(
+    trajectory: StagedProgram,
     outputs: Sequence[ca.MX],
     settings: Mapping[str, Any],
     began: float,
     deadline: float = np.inf,
     expand: bool = False,
-) -> TrajectoryAnswer:
+) -> StagedProgramAnswer:
     """Solve a trajectory without parameters.
 
     Args:
@@ -86,7 +86,7 @@ def solve_trajectory(
         deadline: Time of `time.monotonic` [s].
         expand: Whether to use one expression graph instead of function calls.
     """
-    program = compile_trajectory(trajectory, settings, expand)
+    program = compile_staged_program(trajectory, settings, expand)
     build_end = time.perf_counter()
     point = program.solver.solve(trajectory.start, [], program.bounds, deadline)
     residuals = program.residuals(point)
@@ -94,7 +94,7 @@ def solve_trajectory(
     solved = worst.residual <= FEASIBLE  # whatever the solver says of optimality
     outputs_at_solution = ca.Function("read", [trajectory.x], list(outputs))(point.v)
     worst_block = "" if solved else f" of {worst.name}"
-    return TrajectoryAnswer(
+    return StagedProgramAnswer(
         values=tuple(np.asarray(value) for value in outputs_at_solution),
         residuals=residuals,
         solved=solved,

@@ -3,7 +3,7 @@
 For programs that are built once and solved with other numbers, or whose expressions are too large
 to be scalars: functions of CasADi are built once and called at each knot (`Stage`). A name may be
 used again and again; all its rows are one block. IPOPT takes such a program as it stands
-(`climbplan.solvers.ipopt.trajectory`), every other method by scalars (`Trajectory.program`).
+(`climbplan.solvers.ipopt.staged_program`), every other method by scalars (`StagedProgram.program`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from climbplan.arrays import Array, IntArray
-from climbplan.program.layout import Layout
+from climbplan.program.layout import MatrixLayout
 from climbplan.program.residuals import BlockResidual, RowNames, compute_violation
 from climbplan.program.stage import NamedRows, Stage
 from climbplan.program.statement import Program
@@ -38,7 +38,7 @@ def _find_positions(name: str, names: list[str], sizes: list[int]) -> IntArray:
     return np.stack(positions)
 
 
-class Trajectory(NamedRows):
+class StagedProgram(NamedRows):
     """minimise the sum of named costs subject to named rows on variables with starts and bounds."""
 
     def __init__(self, name: str, symbols: Any = ca.MX) -> None:
@@ -146,7 +146,9 @@ class Trajectory(NamedRows):
     def theta(self, values: Mapping[str, ArrayLike]) -> Array:
         """Return (P,) from numbers of every parameter, each of its shape."""
         shapes = {name: symbol.shape for name, symbol in self._p.items()}
-        return Layout.of(shapes).pack({name: np.asarray(v, float) for name, v in values.items()})
+        return MatrixLayout.of(shapes).pack(
+            {name: np.asarray(v, float) for name, v in values.items()}
+        )
 
     @property
     def rows(self) -> Any:

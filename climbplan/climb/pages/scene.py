@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import StaticLines as FilePath
+from pathlib import Path
 
 import numpy as np
 
@@ -37,7 +37,7 @@ from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.visual_geometry import BODY, compute_piece_poses, split_by_link
 
 
-def read_scene(path: FilePath) -> ViewerScene:
+def read_scene(path: Path) -> ViewerScene:
     """Return the scene of a climb or transition plan file.
 
     Raises PlanFileError for a damaged file.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import StaticLines as FilePath
+from pathlib import Path
 
 import numpy as np
 
@@ -29,7 +29,7 @@ _GROUND_MARGIN = 0.4  # [m] of ground and walls drawn beyond the motion
 _ANCHOR_SIZE = 0.03  # [m], edge of a drawn anchor
 
 
-def read_scene(path: FilePath) -> ViewerScene:
+def read_scene(path: Path) -> ViewerScene:
     """Read the scene of a LIMMS plan file.
 
     Raises:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import StaticLines as FilePath
+from pathlib import Path
 
 import numpy as np
 
@@ -28,7 +28,7 @@ _THICKNESS = 0.07  # [m] of the body as it is drawn: the model has no shape
 _AROUND = 0.6  # [m] of ground drawn beyond the walk
 
 
-def read_scene(path: FilePath) -> ViewerScene:
+def read_scene(path: Path) -> ViewerScene:
     """Read the scene of an MPC plan file; legs are straight lines from hip to toe.
 
     Raises:

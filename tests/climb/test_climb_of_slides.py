@@ -23,6 +23,8 @@ from climbplan.climb.planner.summary import describe_min_safety
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.simulation.control.feedforward import compute_gravity_torques
 from climbplan.climb.simulation.control.regulator import build_regulator_tables
+from climbplan.climb.simulation.implicit_dynamics.engine import prepare_steps, simulate_steps
+from climbplan.climb.simulation.implicit_dynamics.outcome import HAS_FALLEN
 from climbplan.climb.simulation.model.chain_limb import (
     compute_drive,
     find_mimic_joints,
@@ -30,8 +32,6 @@ from climbplan.climb.simulation.model.chain_limb import (
 )
 from climbplan.climb.simulation.model.mjcf import build_mjcf, compute_link_mass
 from climbplan.climb.simulation.replay import simulate
-from climbplan.climb.simulation.statics.engine import prepare_steps, simulate_steps
-from climbplan.climb.simulation.statics.outcome import HAS_FALLEN
 from climbplan.control.joint_regulator import build_chains
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.exports.gains import read_gains

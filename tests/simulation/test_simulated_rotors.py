@@ -14,8 +14,8 @@ import pytest
 from climbplan.cli.simulate import ScaleOrValue, parse_scale
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
+from climbplan.climb.simulation.implicit_dynamics.engine import build_robot, prepare_steps
 from climbplan.climb.simulation.model.mjcf import build_mjcf
-from climbplan.climb.simulation.statics.engine import build_robot, prepare_steps
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.robots.model import dynamics_of
 from climbplan.simulation.conditions import NOMINAL, Conditions

@@ -1,1 +1,1 @@
-"""Climbs and transitions played in MuJoCo and by statics, as planned and in uncertain worlds."""
+"""Simulation of climbs and transitions in MuJoCo and by implicit steps, in uncertain worlds too."""

@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.contact import SLIDES
-from climbplan.climb.simulation.statics.corner_contact import _find_obstacle_hit, _project_to_cone
-from climbplan.climb.simulation.statics.state import ContactSolution, ContactState, TerrainGeometry
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.contact import SLIDES
+from climbplan.climb.simulation.implicit_dynamics.corner_contact import (
+    _find_obstacle_hit,
+    _project_to_cone,
+)
+from climbplan.climb.simulation.implicit_dynamics.state import (
+    ContactSolution,
+    ContactState,
+    TerrainGeometry,
+)
 
 
 @compiled

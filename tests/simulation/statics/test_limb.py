@@ -7,15 +7,15 @@ import pytest
 from scipy.optimize import minimize
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.limb_equilibrium import _solve_limb
-from climbplan.climb.simulation.statics.limb_kinematics import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.limb_equilibrium import _solve_limb
+from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
     MAX_TOE_COMPLIANCE,
     _compute_jacobian_volume,
     _compute_kinematics,
     _compute_toe_compliance,
 )
-from climbplan.climb.simulation.statics.state import JointSprings, ScratchMemory
+from climbplan.climb.simulation.implicit_dynamics.state import JointSprings, ScratchMemory
 
 STIFF, COMMAND = 50.0, np.array([0.1, 0.2, -0.1])  # [N m/rad], [rad]
 

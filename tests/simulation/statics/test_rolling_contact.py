@@ -12,8 +12,12 @@ import pytest
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
-from climbplan.climb.simulation.statics.engine import PreparedMotion, prepare_steps, simulate_steps
-from climbplan.climb.simulation.statics.outcome import HAS_FALLEN, MAX_DEVIATION, MAX_SLIP
+from climbplan.climb.simulation.implicit_dynamics.engine import (
+    PreparedMotion,
+    prepare_steps,
+    simulate_steps,
+)
+from climbplan.climb.simulation.implicit_dynamics.outcome import HAS_FALLEN, MAX_DEVIATION, MAX_SLIP
 from climbplan.robots.kinematics import toe_world
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.conditions import Conditions

@@ -9,9 +9,9 @@ import pytest
 
 from benchmarks.climb.shipped import planned_scene
 from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.simulation.implicit_dynamics.engine import prepare_steps, simulate_steps
+from climbplan.climb.simulation.implicit_dynamics.outcome import HAS_FALLEN
 from climbplan.climb.simulation.replay import simulate
-from climbplan.climb.simulation.statics.engine import prepare_steps, simulate_steps
-from climbplan.climb.simulation.statics.outcome import HAS_FALLEN
 from climbplan.simulation.conditions import Conditions
 
 Planned = Callable[..., ClimbPlan]

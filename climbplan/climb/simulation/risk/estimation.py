@@ -14,9 +14,12 @@ from joblib import Parallel, delayed
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import compute_interval
 from climbplan.climb.simulation.comparison import find_losses, find_slips
-from climbplan.climb.simulation.replay import simulate
-from climbplan.climb.simulation.statics.engine import PreparedMotion, prepare_steps, simulate_steps
-from climbplan.climb.simulation.statics.outcome import (
+from climbplan.climb.simulation.implicit_dynamics.engine import (
+    PreparedMotion,
+    prepare_steps,
+    simulate_steps,
+)
+from climbplan.climb.simulation.implicit_dynamics.outcome import (
     CAUSE,
     CAUSE_LIMB,
     CAUSE_STEP,
@@ -24,6 +27,7 @@ from climbplan.climb.simulation.statics.outcome import (
     HAS_FALLEN,
     MAX_DEVIATION,
 )
+from climbplan.climb.simulation.replay import simulate
 from climbplan.climb.simulation.worlds.uncertainty import (
     ScenarioLayout,
     Uncertainty,

@@ -27,8 +27,12 @@ from scipy.special import stdtrit
 from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import CONFIDENCE, compute_interval
-from climbplan.climb.simulation.statics.engine import PreparedMotion, prepare_steps, simulate_steps
-from climbplan.climb.simulation.statics.outcome import (
+from climbplan.climb.simulation.implicit_dynamics.engine import (
+    PreparedMotion,
+    prepare_steps,
+    simulate_steps,
+)
+from climbplan.climb.simulation.implicit_dynamics.outcome import (
     FRICTION_USE,
     HAS_FALLEN,
     MAX_DEVIATION,

@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.contact import SLIDES, _compute_toe_force
-from climbplan.climb.simulation.statics.linear_algebra import _dot
-from climbplan.climb.simulation.statics.state import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.contact import SLIDES, _compute_toe_force
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _dot
+from climbplan.climb.simulation.implicit_dynamics.state import (
     BodyState,
     ContactSolution,
     ContactState,
@@ -20,7 +20,7 @@ from climbplan.climb.simulation.statics.state import (
     ScratchMemory,
     TerrainGeometry,
 )
-from climbplan.climb.simulation.statics.surfaces import (
+from climbplan.climb.simulation.implicit_dynamics.surfaces import (
     SURFACE_TOLERANCE,
     TUBE,
     _find_first_hit,

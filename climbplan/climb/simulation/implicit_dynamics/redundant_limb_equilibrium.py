@@ -14,8 +14,8 @@ r J^T J, r large, leaves the step unchanged and makes all pivots positive at a s
 from __future__ import annotations
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.limb_kinematics import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
     HESSIAN_THRESHOLD,
     JOINT_TOLERANCE,
     MAX_JOINT_STEP,
@@ -25,8 +25,8 @@ from climbplan.climb.simulation.statics.limb_kinematics import (
     _compute_joint_torques,
     _compute_kinematics,
 )
-from climbplan.climb.simulation.statics.linear_algebra import _apply_matrix, _dot, _invert
-from climbplan.climb.simulation.statics.state import JointSprings, ScratchMemory
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _apply_matrix, _dot, _invert
+from climbplan.climb.simulation.implicit_dynamics.state import JointSprings, ScratchMemory
 
 _MAX_ITERATIONS = 25
 _PENALTY_FACTOR = 10.0  # r by the largest joint stiffness

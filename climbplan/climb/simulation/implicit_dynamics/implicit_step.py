@@ -15,23 +15,23 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.contact import AIR, FAILED, STICKS, _solve_contact
-from climbplan.climb.simulation.statics.corner_contact import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.contact import AIR, FAILED, STICKS, _solve_contact
+from climbplan.climb.simulation.implicit_dynamics.corner_contact import (
     _find_obstacle_hit,
     _solve_corner_contact,
 )
-from climbplan.climb.simulation.statics.limb_kinematics import (
+from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
     _compute_free_angles,
     _compute_kinematics,
 )
-from climbplan.climb.simulation.statics.linear_algebra import (
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import (
     _apply_matrix,
     _cross,
     _rotate,
     _solve_positive_definite,
 )
-from climbplan.climb.simulation.statics.state import (
+from climbplan.climb.simulation.implicit_dynamics.state import (
     BodyLoad,
     BodyState,
     ContactSolution,
@@ -41,7 +41,11 @@ from climbplan.climb.simulation.statics.state import (
     StepSettings,
     TerrainGeometry,
 )
-from climbplan.climb.simulation.statics.surfaces import TUBE, _find_first_hit, _project_to_surface
+from climbplan.climb.simulation.implicit_dynamics.surfaces import (
+    TUBE,
+    _find_first_hit,
+    _project_to_surface,
+)
 
 _MAX_ITERATIONS = 30
 _TOLERANCE = 2e-4  # residual by the weight; moments count at _MOMENT_ARM

@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.contact import AIR, SLIDES, STICKS
-from climbplan.climb.simulation.statics.linear_algebra import _dot
-from climbplan.climb.simulation.statics.state import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.contact import AIR, SLIDES, STICKS
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _dot
+from climbplan.climb.simulation.implicit_dynamics.state import (
     BodyState,
     ContactSolution,
     FootSlip,
     PlannedMotion,
     TerrainGeometry,
 )
-from climbplan.climb.simulation.statics.surfaces import TUBE
+from climbplan.climb.simulation.implicit_dynamics.surfaces import TUBE
 from climbplan.simulation.measures import FALLEN, TUMBLED
 
 # Columns of an outcome

@@ -9,20 +9,23 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.contact import AIR, SLIDES
-from climbplan.climb.simulation.statics.corner_contact import _find_obstacle_hit
-from climbplan.climb.simulation.statics.implicit_step import _solve_step
-from climbplan.climb.simulation.statics.limb_kinematics import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.contact import AIR, SLIDES
+from climbplan.climb.simulation.implicit_dynamics.corner_contact import _find_obstacle_hit
+from climbplan.climb.simulation.implicit_dynamics.implicit_step import _solve_step
+from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
     BACKLASH_STIFFNESS_RATIO,
     _compute_free_angles,
     _compute_jacobian_volume,
     _compute_kinematics,
     _compute_spring_torque,
 )
-from climbplan.climb.simulation.statics.linear_algebra import _apply_matrix, _copy_rows
-from climbplan.climb.simulation.statics.motor_commands import _compute_commands, _update_springs
-from climbplan.climb.simulation.statics.outcome import (
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _apply_matrix, _copy_rows
+from climbplan.climb.simulation.implicit_dynamics.motor_commands import (
+    _compute_commands,
+    _update_springs,
+)
+from climbplan.climb.simulation.implicit_dynamics.outcome import (
     CAUSE_LIMB,
     COLUMNS,
     LOST_BALANCE,
@@ -31,11 +34,11 @@ from climbplan.climb.simulation.statics.outcome import (
     _record_sample,
     _update_outcome,
 )
-from climbplan.climb.simulation.statics.regulation import (
+from climbplan.climb.simulation.implicit_dynamics.regulation import (
     _record_offsets,
 )
-from climbplan.climb.simulation.statics.rolling_contact import _roll_contacts
-from climbplan.climb.simulation.statics.state import (
+from climbplan.climb.simulation.implicit_dynamics.rolling_contact import _roll_contacts
+from climbplan.climb.simulation.implicit_dynamics.state import (
     BodyLoad,
     BodyState,
     ContactSolution,
@@ -50,7 +53,7 @@ from climbplan.climb.simulation.statics.state import (
     StepSettings,
     TerrainGeometry,
 )
-from climbplan.climb.simulation.statics.surfaces import (
+from climbplan.climb.simulation.implicit_dynamics.surfaces import (
     EDGE_TOLERANCE,
     _find_first_hit,
     _has_left_face,

@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.state import JointSprings
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.state import JointSprings
 
 BACKLASH_STIFFNESS_RATIO = 0.2  # in the backlash, which is widened accordingly
 _STRAIGHT_VOLUME = 0.02  # Jacobian volume by length^3, below which a toe is compliant

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.limb_kinematics import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
     BACKLASH_STIFFNESS_RATIO,
     _compute_toe_compliance,
 )
-from climbplan.climb.simulation.statics.linear_algebra import _copy_rows
-from climbplan.climb.simulation.statics.regulation import (
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _copy_rows
+from climbplan.climb.simulation.implicit_dynamics.regulation import (
     _add_foothold_errors,
     _add_offset_commands,
     _compute_delayed_offsets,
@@ -18,7 +18,7 @@ from climbplan.climb.simulation.statics.regulation import (
     _read_sensors,
     _update_offsets,
 )
-from climbplan.climb.simulation.statics.state import (
+from climbplan.climb.simulation.implicit_dynamics.state import (
     BY_JOINTS,
     BY_POSE,
     NO_REGULATOR,

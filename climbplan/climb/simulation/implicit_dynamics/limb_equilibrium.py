@@ -9,8 +9,8 @@ more joints. All quantities are in the body frame.
 from __future__ import annotations
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.limb_kinematics import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
     HESSIAN_THRESHOLD,
     JOINT_TOLERANCE,
     MAX_JOINT_STEP,
@@ -20,15 +20,17 @@ from climbplan.climb.simulation.statics.limb_kinematics import (
     _compute_joint_torques,
     _compute_kinematics,
 )
-from climbplan.climb.simulation.statics.linear_algebra import (
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import (
     _apply_matrix,
     _apply_transpose,
     _dot,
     _invert,
     _transform_matrix,
 )
-from climbplan.climb.simulation.statics.redundant_limb_equilibrium import _solve_redundant_limb
-from climbplan.climb.simulation.statics.state import JointSprings, ScratchMemory
+from climbplan.climb.simulation.implicit_dynamics.redundant_limb_equilibrium import (
+    _solve_redundant_limb,
+)
+from climbplan.climb.simulation.implicit_dynamics.state import JointSprings, ScratchMemory
 
 _POSITION_TOLERANCE = 3e-5  # [m] an error that the next Newton step squares
 _MAX_ITERATIONS = 12

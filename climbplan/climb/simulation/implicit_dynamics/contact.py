@@ -15,17 +15,17 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.friction_cone import _project_to_cone_surface
-from climbplan.climb.simulation.statics.limb_equilibrium import _solve_limb
-from climbplan.climb.simulation.statics.linear_algebra import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.friction_cone import _project_to_cone_surface
+from climbplan.climb.simulation.implicit_dynamics.limb_equilibrium import _solve_limb
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import (
     _apply_matrix,
     _apply_transpose,
     _dot,
     _invert,
     _transform_matrix,
 )
-from climbplan.climb.simulation.statics.state import (
+from climbplan.climb.simulation.implicit_dynamics.state import (
     BodyState,
     ContactSolution,
     JointSprings,
@@ -33,7 +33,7 @@ from climbplan.climb.simulation.statics.state import (
     StepSettings,
     TerrainGeometry,
 )
-from climbplan.climb.simulation.statics.surfaces import _project_to_surface
+from climbplan.climb.simulation.implicit_dynamics.surfaces import _project_to_surface
 
 AIR, STICKS, SLIDES, FAILED = 0, 1, 2, 3
 _MAX_SLIDE_STEPS = 4  # Newton steps along the direction of sliding

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
 
 
 @compiled

@@ -8,9 +8,9 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.limb_kinematics import _compute_kinematics
-from climbplan.climb.simulation.statics.linear_algebra import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import _compute_kinematics
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import (
     _add_matrix_product,
     _apply_matrix,
     _apply_wide_matrix,
@@ -18,7 +18,11 @@ from climbplan.climb.simulation.statics.linear_algebra import (
     _invert,
     _rotate,
 )
-from climbplan.climb.simulation.statics.state import PlannedMotion, RegulatorState, ScratchMemory
+from climbplan.climb.simulation.implicit_dynamics.state import (
+    PlannedMotion,
+    RegulatorState,
+    ScratchMemory,
+)
 from climbplan.control.joint_regulator import DECAY_RATE, FORCE_RATE, MAX_OFFSET, RATE
 
 CONTROL_PERIOD = 0.01  # [s] between readings of the regulator, as `replay.py` has it

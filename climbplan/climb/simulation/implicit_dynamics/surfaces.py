@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.state import TerrainGeometry
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.state import TerrainGeometry
 
 TUBE = -2  # face index of a tube
 SURFACE_TOLERANCE = 1e-5  # [m] from a face within which a toe is on it

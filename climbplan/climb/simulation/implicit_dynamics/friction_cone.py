@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.linear_algebra import _apply_matrix, _cross, _dot
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _apply_matrix, _cross, _dot
 
 _NUM_EDGES, _NUM_SECTIONS, _GOLDEN_RATIO = 12, 22, (np.sqrt(5.0) - 1) / 2
 

@@ -1,4 +1,4 @@
-"""Simulate plans with the quasi-static engine: the interface of its compiled functions.
+"""Simulate plans by implicit time steps: the interface of the compiled functions.
 
 A plan is divided into time steps once (`prepare_steps`) and then simulated in many scenarios
 (`simulate_steps`).
@@ -26,10 +26,8 @@ from climbplan.climb.simulation.control.regulator import (
     compute_zero_pose,
     invert_jacobian,
 )
-from climbplan.climb.simulation.initial_posture import place_robot
-from climbplan.climb.simulation.model.toe import TOE_RADIUS
-from climbplan.climb.simulation.statics.rolling_contact import compute_contact_points
-from climbplan.climb.simulation.statics.state import (
+from climbplan.climb.simulation.implicit_dynamics.rolling_contact import compute_contact_points
+from climbplan.climb.simulation.implicit_dynamics.state import (
     BY_ATTITUDE,
     BY_JOINTS,
     BY_POSE,
@@ -38,7 +36,9 @@ from climbplan.climb.simulation.statics.state import (
     RobotParameters,
     TerrainGeometry,
 )
-from climbplan.climb.simulation.statics.time_stepping import simulate_motion
+from climbplan.climb.simulation.implicit_dynamics.time_stepping import simulate_motion
+from climbplan.climb.simulation.initial_posture import place_robot
+from climbplan.climb.simulation.model.toe import TOE_RADIUS
 from climbplan.climb.simulation.worlds.nominal_world import build_nominal_world, number_footholds
 from climbplan.climb.simulation.worlds.perturbed_terrain import (
     build_collision_solids,

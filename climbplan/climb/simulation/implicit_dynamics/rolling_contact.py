@@ -13,10 +13,10 @@ import numpy as np
 from climbplan.arrays import Array, IntArray, spans_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import sample_instants
-from climbplan.climb.simulation.statics.compiling import compiled
-from climbplan.climb.simulation.statics.limb_kinematics import _compute_kinematics
-from climbplan.climb.simulation.statics.linear_algebra import _apply_matrix
-from climbplan.climb.simulation.statics.state import (
+from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import _compute_kinematics
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _apply_matrix
+from climbplan.climb.simulation.implicit_dynamics.state import (
     BodyState,
     ContactState,
     FootSlip,
@@ -26,7 +26,7 @@ from climbplan.climb.simulation.statics.state import (
     ScratchMemory,
     TerrainGeometry,
 )
-from climbplan.climb.simulation.statics.surfaces import _project_to_surface
+from climbplan.climb.simulation.implicit_dynamics.surfaces import _project_to_surface
 from climbplan.robots.last_link import last_link_body
 from climbplan.robots.rotations import rotation_world_body
 

@@ -1,1 +1,0 @@
-"""Quasi-static runs of braced robots: many worlds a second, from the plan's arrays alone."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 from benchmarks.running import (
     Jobs,
@@ -35,8 +36,8 @@ def zoo(
         int | None, number_option("--count", "Postures that the second method draws.")
     ] = None,
     jobs: Jobs = 1,
-) -> None:
+) -> Mapping[str, Any]:
     """Robots of example-robot-data from URDF to verified plans, and in MuJoCo."""
     from benchmarks.zoo.run import bench_zoo
 
-    bench_zoo(run.quick, run.stream, scenes, out, methods, seed, count, jobs)
+    return bench_zoo(run.quick, run.stream, scenes, out, methods, seed, count, jobs)

@@ -10,8 +10,9 @@ import tempfile
 import time
 from collections.abc import Sequence
 from contextlib import ExitStack
+from dataclasses import asdict
 from pathlib import Path
-from typing import TextIO
+from typing import Any, TextIO
 
 from joblib import Parallel, delayed
 
@@ -27,7 +28,7 @@ from climbplan.robots.urdf.proposal.generator import propose_robot
 
 TABLES = ("plans", "refusals")
 _FILES = "robots"  # folder of robot files
-_WIDTH = 19
+_WIDTH = 17
 
 
 def bench_zoo(
@@ -39,8 +40,8 @@ def bench_zoo(
     seed: int = 0,
     count: int | None = None,
     jobs: int = 1,
-) -> None:
-    """One line a robot; one robot with `quick`.
+) -> dict[str, Any]:
+    """Print one line a robot, one robot with `quick`; return the rows.
 
     names: of robots, by commas. folder: rows and robot files are kept there, and rows that are
     there already are not made again. tables: `plans`, and `refusals` for what a second method says
@@ -52,8 +53,8 @@ def bench_zoo(
         raise UsageError(f"`zoo` --methods: no table {unknown[0]!r}, known are {', '.join(TABLES)}")
     chosen = _chosen(quick, names)
     rows = [] if folder is None else kept(folder)
-    head = f"{'robot':<15}{'kg':>6}{'legs':>5}{'first s':>8}"
-    print(head + "".join(f"{column:>{_WIDTH}}" for column in COLUMNS), file=out)
+    head = f"{'robot':<15}  {'kg':>5}  {'legs':>4}  {'first s':>7}"
+    print(head + "".join(f"  {column:>{_WIDTH}}" for column in COLUMNS), file=out)
     there = {(row.robot, row.column) for row in rows}
     dues = [(zoo, [c for c in COLUMNS if (zoo.name, c) not in there]) for zoo in chosen]
     ended = {zoo.name for zoo, due in dues if not due}
@@ -72,6 +73,7 @@ def bench_zoo(
         _sums(mine, out)
         if "refusals" in asked:
             check_refusals(mine, chosen, out, folder, Drawing(files, seed, count or COUNT), jobs)
+        return {"rows": [asdict(row) for row in mine]}
 
 
 def _told(waiting: list[str], ended: set[str], rows: Sequence[Row], out: TextIO) -> list[str]:
@@ -139,8 +141,8 @@ def _line(rows: list[Row]) -> str:
             first = f"{row.proposed + spent:.1f}"
         ends.append(row.simulated if row.planned else "refused")
     name = rows[0]
-    size = f"{name.robot:<15}{name.mass:>6.1f}{name.legs:>5}{first:>8}"
-    return size + "".join(f"{end:>{_WIDTH}}" for end in ends)
+    size = f"{name.robot:<15}  {name.mass:>5.1f}  {name.legs:>4}  {first:>7}"
+    return size + "".join(f"  {end:>{_WIDTH}}" for end in ends)
 
 
 def _sums(rows: list[Row], out: TextIO) -> None:

@@ -17,7 +17,7 @@ from climbplan.climb.schema.transition_loading import load_transition_text
 from climbplan.climb.transition.homotopy import run_from_start
 from climbplan.climb.transition.motion import plan_motion
 from climbplan.climb.transition.planner import plan_transition
-from climbplan.climb.transition.pose_paths import Sequence
+from climbplan.climb.transition.pose_paths import ContactSequence
 from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.search import SequenceSearch
 from climbplan.climb.transition.sequence_planning import (
@@ -83,7 +83,7 @@ def _measured(rounds: int, seed: int, starts: int) -> _Row:
 
     good: list[bool] = []
 
-    def carry(tables: SearchTables, sequence: Sequence) -> str:
+    def carry(tables: SearchTables, sequence: ContactSequence) -> str:
         run = TransitionRun(loaded, scene, StageClock(lambda stage, fraction: None))
         attempt = plan_and_verify_sequence(run, tables, sequence)
         if attempt.motion is not None:

@@ -21,8 +21,8 @@ from climbplan.walking.online.candidate_selection import Command
 from climbplan.walking.online.controller import OnlineController, OnlineSettings, build_horizon_task
 from climbplan.walking.online.footholds import compute_reference_clearance, follow_terrain
 from climbplan.walking.online.library import SectionLibrary
-from climbplan.walking.online.measurement import RobotMeasurement
-from climbplan.walking.online.strategies import Ranking, StrategyName, train_strategy
+from climbplan.walking.online.section_ranking import Ranking, StrategyName, train_section_ranking
+from climbplan.walking.online.tick_input import TickInput
 from climbplan.walking.problem.random_tasks import StartRanges, sample_start
 from climbplan.walking.task.task import WalkTask
 
@@ -61,7 +61,7 @@ def strategy_table(
         "of library  tick [ms]   99 %",
         file=stream,
     )
-    ranked = {name: train_strategy(name, library, seed) for name in STRATEGIES}
+    ranked = {name: train_section_ranking(name, library, seed) for name in STRATEGIES}
     rows: list[dict[str, Any]] = []
     for title, draw in KINDS.items():
         tasks = [
@@ -130,9 +130,7 @@ def _planned(
             made = OnlineController(task, library, settings, ranking)
         made.reset()
         before = start.toes  # nothing moved before
-        yield made.tick(
-            RobotMeasurement(start.state, start.toes, before, np.ones(len(start.toes), bool))
-        )
+        yield made.tick(TickInput(start.state, start.toes, before, np.ones(len(start.toes), bool)))
 
 
 def _row(

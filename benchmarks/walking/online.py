@@ -13,7 +13,7 @@ from climbplan.walking.online.candidate_selection import SAFE_STANCE, Command
 from climbplan.walking.online.closed_loop import LoopScenario, Push, freeze_garbage, simulate_loop
 from climbplan.walking.online.controller import OnlineController, OnlineSettings
 from climbplan.walking.online.library import SectionLibrary
-from climbplan.walking.online.measurement import RobotMeasurement
+from climbplan.walking.online.tick_input import TickInput
 from climbplan.walking.published.program import TOLERANCE
 from climbplan.walking.task.task import WalkTask
 
@@ -27,9 +27,9 @@ class Watching(OnlineController):
 
     def __init__(self, task: WalkTask, library: SectionLibrary, settings: OnlineSettings) -> None:
         super().__init__(task, library, settings)
-        self.situations: list[RobotMeasurement] = []
+        self.situations: list[TickInput] = []
 
-    def tick(self, situation: RobotMeasurement) -> Command:
+    def tick(self, situation: TickInput) -> Command:
         """As of every controller."""
         self.situations.append(situation)
         return super().tick(situation)

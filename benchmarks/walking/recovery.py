@@ -12,7 +12,7 @@ import numpy as np
 from benchmarks.walking.online_options import OnlineInputs, OnlineOptions, in_words
 from benchmarks.walking.recovery_study import Study, Trial, run_study
 from climbplan.walking.check.checker import LOOP_LIMITS
-from climbplan.walking.online.strategies import train_strategy
+from climbplan.walking.online.section_ranking import train_section_ranking
 
 _HEAD = (
     "push               walks recovered   fell  off [1]  no answer [2]  overreach [mm]  "
@@ -41,7 +41,7 @@ def recovery_table(
     print(f"recovery, {options.trials} trials each: {state}, {legs}, {chosen}", file=stream)
     stream.write(_HEAD)
     for library in inputs.libraries:
-        ranking = train_strategy(chosen, library, options.seed)
+        ranking = train_section_ranking(chosen, library, options.seed)
         for push in inputs.pushes:
             words = in_words(push)
             study = Study(

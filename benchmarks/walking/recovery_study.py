@@ -21,7 +21,7 @@ from climbplan.walking.online.closed_loop import (
 )
 from climbplan.walking.online.controller import OnlineController, OnlineSettings
 from climbplan.walking.online.library import SectionLibrary
-from climbplan.walking.online.strategies import Ranking
+from climbplan.walking.online.section_ranking import Ranking
 from climbplan.walking.task.task import VELOCITY, WalkTask
 
 FIRST, WITHIN = 1.0, 0.16  # [s] when pushes come, at random within two knots

@@ -8,8 +8,8 @@ from pathlib import Path
 from benchmarks.zoo.robots import Zoo
 from climbplan.climb.proposed.proposed import format_file_name
 from climbplan.errors import UsageError
-from climbplan.robots.urdf.proposal.generator import propose_robot
 from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
+from climbplan.robots.urdf.proposal.propose_robot import propose_robot
 from climbplan.robots.urdf.proposal.robot_document import format_robot_document
 
 

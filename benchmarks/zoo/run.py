@@ -24,7 +24,7 @@ from benchmarks.zoo.robots import QUICK, ROBOTS, Zoo
 from benchmarks.zoo.second.look import COUNT
 from climbplan.climb.proposed.proposed import ProposalTrials
 from climbplan.errors import SpecError, UsageError
-from climbplan.robots.urdf.proposal.generator import propose_robot
+from climbplan.robots.urdf.proposal.propose_robot import propose_robot
 
 TABLES = ("plans", "refusals")
 _FILES = "robots"  # folder of robot files

@@ -15,7 +15,7 @@ from climbplan.climb.simulation.risk.sampling import sample_worlds
 from climbplan.climb.simulation.risk.suggestions import suggest_knowledge
 from climbplan.errors import UsageError
 from climbplan.reports.robot_page import build_robot_page
-from climbplan.robots.urdf.proposal.generator import propose_robot, read_tree
+from climbplan.robots.urdf.proposal.propose_robot import propose_robot, read_tree
 from climbplan.robots.urdf.proposal.robot_document import format_robot_document, format_urdf_path
 from climbplan.walking.planner.proposed_walk import ProposedWalk, plan_proposed_walk
 

@@ -91,9 +91,9 @@ def _climb(loaded: LoadedClimb) -> ProblemAndParameters:
 
 
 def _transition(loaded: LoadedTransition) -> ProblemAndParameters:
-    from climbplan.climb.transition.problem import state_transition
+    from climbplan.climb.transition.problem import formulate_transition
 
-    return state_transition(loaded)
+    return formulate_transition(loaded)
 
 
 def _walk(loaded: LoadedMpc) -> ProblemAndParameters:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array
-from climbplan.climb.coupled.statement import remove_unloadable_regions, state_coupled_program
+from climbplan.climb.coupled.statement import formulate_coupled_program, remove_unloadable_regions
 from climbplan.climb.forces.statement import build_force_statement
 from climbplan.climb.forces.unreduced import UnreducedProblem, build_unreduced_problems
 from climbplan.climb.postures.statement import PostureMargins, build_posture_program
@@ -32,7 +32,7 @@ def build_posture_instance(rng: np.random.Generator, rounds: int) -> Instance:
 def build_coupled_instance(rng: np.random.Generator, rounds: int) -> Instance:
     """Build postures with contact forces: moments are products of toes and forces (5.2.1)."""
     scene = remove_unloadable_regions(_build_scene(rng, "coupled", rounds))
-    return state_coupled_program(scene, PostureMargins()).instantiate()
+    return formulate_coupled_program(scene, PostureMargins()).instantiate()
 
 
 def build_force_instance(rng: np.random.Generator, instants: int) -> Instance:

@@ -10,11 +10,11 @@ from scipy.optimize import nnls
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.kinematics import (
     by_point,
-    inverse,
     jacobian_body,
     point_jacobian,
     pushed_points,
     sole_turns,
+    solve_inverse_kinematics,
     toe_body,
 )
 from climbplan.robots.model import Robot
@@ -57,7 +57,9 @@ def measure_robot(robot: Robot, seed: int = 0) -> RobotFacts:
     """
     up = np.broadcast_to([0.0, 0.0, 1.0], robot.stance_body.shape)
     robot = heading_as(robot, np.zeros(3))
-    solution = inverse(robot, robot.stance_body, sole_turns(robot, np.zeros(3), up))
+    solution = solve_inverse_kinematics(
+        robot, robot.stance_body, sole_turns(robot, np.zeros(3), up)
+    )
     angles = np.where(solution.valid[:, None], solution.best(), np.nan)
     fraction = np.random.default_rng(seed).uniform(size=(_NUM_SAMPLES, *robot.joint_lower.shape))
     samples = robot.joint_lower + fraction * (robot.joint_upper - robot.joint_lower)

@@ -219,7 +219,7 @@ def turns_under(robot: Robot, rotation: Array, normal: Array) -> Array | None:
     return np.asarray(rotations @ np.swapaxes(sole.axes_zero, -1, -2))
 
 
-def inverse(
+def solve_inverse_kinematics(
     robot: Robot, toes_body: Array, turns: Array | None = None, inside: Array | float = 0.0
 ) -> InverseKinematics:
     """Return joint angles that put the toes at toes_body.
@@ -251,7 +251,7 @@ def standing_inverse(
         toes: Positions (..., N, 3) [m].
         normal: Unit normals (..., N, 3).
     """
-    return inverse(robot, to_body(com, rpy, toes), sole_turns(robot, rpy, normal))
+    return solve_inverse_kinematics(robot, to_body(com, rpy, toes), sole_turns(robot, rpy, normal))
 
 
 def require_reachable(
@@ -268,7 +268,7 @@ def require_reachable(
     Raises:
         ReachFailure: A toe is out of reach; with the missing distance or the violated joint bound.
     """
-    solution = inverse(robot, toes_body, turns)
+    solution = solve_inverse_kinematics(robot, toes_body, turns)
     for limb in (int(i) for i in np.flatnonzero(~solution.valid)):
         bounds = robot.joint_lower, robot.joint_upper
         miss = robot.limbs.explain_miss(solution, toes_body, limb, *bounds)

@@ -14,8 +14,8 @@ from climbplan.api.new_robot import new_robot
 from climbplan.cli.app import run
 from climbplan.errors import UsageError
 from climbplan.robots.any_robot import build_robot
-from climbplan.robots.urdf.proposal.generator import propose_robot
 from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
+from climbplan.robots.urdf.proposal.propose_robot import propose_robot
 from climbplan.schema.robots.source import load_any_robot
 
 

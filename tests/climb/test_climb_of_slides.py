@@ -35,7 +35,12 @@ from climbplan.climb.simulation.replay import simulate
 from climbplan.control.joint_regulator import build_chains
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.exports.gains import read_gains
-from climbplan.robots.kinematics import inverse, joint_points_body, to_body, toe_body
+from climbplan.robots.kinematics import (
+    joint_points_body,
+    solve_inverse_kinematics,
+    to_body,
+    toe_body,
+)
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.schema.examples import read_example, read_example_data
@@ -149,7 +154,9 @@ def test_weights_of_links_by_virtual_work(plan: ClimbPlan) -> None:
         return float(weight * ((begin + end) / 2 @ rotation.T)[..., 2].sum())
 
     rounds, step = plan.rounds, 1e-6
-    angles = inverse(robot, to_body(rounds.com[0], rounds.rpy[0], rounds.toes[0])).best()
+    angles = solve_inverse_kinematics(
+        robot, to_body(rounds.com[0], rounds.rpy[0], rounds.toes[0])
+    ).best()
     for limb in range(4):
         for joint in range(robot.joint_count):
             more, less = angles.copy(), angles.copy()

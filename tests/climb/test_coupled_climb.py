@@ -22,7 +22,7 @@ from climbplan.climb.coupled.stages import (
     solve_nonlinear,
     solve_second_stage,
 )
-from climbplan.climb.coupled.statement import compute_scene_load, state_coupled_program
+from climbplan.climb.coupled.statement import compute_scene_load, formulate_coupled_program
 from climbplan.climb.postures.planner import plan_postures
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
@@ -113,7 +113,7 @@ def test_moments_about_other_points_are_the_same_problem(prepared: CoupledProble
     x = solve_nonlinear(pinned, prepared.guess, 20.0)
     assert x is not None
     moved = prepared.origin + np.array([0.3, -0.2, 1.0])
-    elsewhere = state_coupled_program(prepared.scene, PostureMargins(), moved)
+    elsewhere = formulate_coupled_program(prepared.scene, PostureMargins(), moved)
     assert elsewhere.instantiate().violation(x) <= 2e-6
     shifted = x.copy()
     shifted[prepared.program.variables["force"].start] += 1e-2

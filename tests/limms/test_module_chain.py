@@ -6,7 +6,12 @@ import numpy as np
 import pytest
 from limms_scenes import loaded
 
-from climbplan.limms.modules.chain import BRANCHES, forward, forward_from_last, inverse
+from climbplan.limms.modules.chain import (
+    BRANCHES,
+    forward,
+    forward_from_last,
+    solve_inverse_kinematics,
+)
 from climbplan.limms.scene.limms_scene import FramePoses
 
 MODULE = loaded("limms_lift_light").module
@@ -26,7 +31,7 @@ def test_every_branch_reaches_the_pose_and_one_is_the_start() -> None:
     last = FramePoses(own.position[:, 7], own.rotation[:, 7])
     nearest = np.full(200, np.inf)
     for branch in BRANCHES:
-        found = inverse(MODULE, base, last, branch)
+        found = solve_inverse_kinematics(MODULE, base, last, branch)
         assert found.reach_error.max() < 1e-9
         again = forward(MODULE, base, found.angles)
         assert np.abs(again.position[:, 7] - last.position).max() < 1e-9
@@ -48,4 +53,6 @@ def test_points_from_the_last_end_are_those_from_the_first() -> None:
 def test_out_of_reach_says_by_how_much() -> None:
     base = FramePoses(np.zeros(3), np.eye(3))
     last = FramePoses(np.array([0, 0, sum(MODULE.link_lengths) + 0.1]), np.eye(3))
-    assert inverse(MODULE, base, last, BRANCHES[0]).reach_error == pytest.approx(0.1)
+    assert solve_inverse_kinematics(MODULE, base, last, BRANCHES[0]).reach_error == pytest.approx(
+        0.1
+    )

@@ -15,7 +15,12 @@ from climbplan.mechanics.stability import (
     stiffness_lost_matrices,
 )
 from climbplan.mechanics.stiffness import joint_bending, joint_softness, limb_compliance
-from climbplan.robots.kinematics import inverse, jacobian_body, jacobian_world, toe_world
+from climbplan.robots.kinematics import (
+    jacobian_body,
+    jacobian_world,
+    solve_inverse_kinematics,
+    toe_world,
+)
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.schema.robots.robot import RobotSpec
@@ -30,7 +35,7 @@ class Held:
     def __init__(self, robot: Robot, force: Array) -> None:
         self.robot, self.force = robot, force
         stance = robot.stance_body
-        self.angles = inverse(robot, stance).best()
+        self.angles = solve_inverse_kinematics(robot, stance).best()
         self.rpy = np.zeros(3)
         self.toes = toe_world(robot, np.zeros(3), self.rpy, self.angles)
         jacobian = jacobian_world(robot, self.rpy, self.angles)
@@ -43,7 +48,7 @@ class Held:
         size = np.linalg.norm(turn)
         axis = skew(turn / size) if size > 0 else np.zeros((3, 3))
         rotation = np.eye(3) + np.sin(size) * axis + (1 - np.cos(size)) * axis @ axis
-        angles = inverse(self.robot, (self.toes - com) @ rotation).best()
+        angles = solve_inverse_kinematics(self.robot, (self.toes - com) @ rotation).best()
         jacobian = rotation @ jacobian_body(self.robot, angles)
         torque = (angles - self.command) / joint_softness(self.robot)
         force = np.linalg.solve(np.swapaxes(jacobian, 1, 2), torque[..., None])[..., 0]

@@ -21,7 +21,7 @@ from climbplan.climb.plan.climb_plan import (
 )
 from climbplan.climb.scene.climb_scene import build_scene
 from climbplan.climb.schema.model import ClimbSpec
-from climbplan.robots.kinematics import inverse, jacobian_world, to_body
+from climbplan.robots.kinematics import jacobian_world, solve_inverse_kinematics, to_body
 from climbplan.robots.model import Robot
 from climbplan.schema.robots.robot import RobotSpec
 
@@ -103,7 +103,7 @@ def _trajectory(robot: Robot, rounds: Rounds, instants: Instants, per_instant: i
     touching = np.concatenate([np.ones((1, robot.limb_count), bool), instants.contact])
     contact = touching[np.floor(s).astype(int)] & touching[np.ceil(s).astype(int)]
     pose = at(com), at(rpy)
-    joints = inverse(robot, to_body(*pose, at(toes))).best()
+    joints = solve_inverse_kinematics(robot, to_body(*pose, at(toes))).best()
     return Trajectory(0.5 * s, *pose, joints, contact)
 
 

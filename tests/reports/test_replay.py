@@ -13,7 +13,7 @@ from climbplan.climb.pages.replay import TOLERANCE, build_replay
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import START, compute_true_angles, sample_instants
 from climbplan.reports.key_frames import select_key_frames
-from climbplan.robots.kinematics import inverse, to_body, toe_world
+from climbplan.robots.kinematics import solve_inverse_kinematics, to_body, toe_world
 
 MakePlan = Callable[..., ClimbPlan]
 
@@ -76,7 +76,7 @@ def test_toes_stand_still_although_commands_press_them_in(make_plan: MakePlan) -
     # Commands 30 mm behind the walls while in contact.
     toes = toe_world(plan.robot, moving.com, moving.rpy, moving.joint_command)
     depth = 0.03 * np.sign(toes[..., :1]) * np.array([1.0, 0.0, 0.0]) * moving.contact[..., None]
-    pressed = inverse(plan.robot, to_body(moving.com, moving.rpy, toes + depth))
+    pressed = solve_inverse_kinematics(plan.robot, to_body(moving.com, moving.rpy, toes + depth))
     assert pressed.valid.all()
     plan = replace(plan, trajectory=replace(moving, joint_command=pressed.best()))
     replay = build_replay(plan)

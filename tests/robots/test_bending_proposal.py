@@ -10,10 +10,10 @@ from urdf_humanoid import humanoid
 
 from climbplan.climb.proposed.proposed import ProposalTrials
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.proposal import bracing_search
+from climbplan.robots.urdf.proposal import bracing_random_search
 from climbplan.robots.urdf.proposal.candidate_stances import find_candidate_stances
-from climbplan.robots.urdf.proposal.generator import detect_legs, prepare_detected_legs
 from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
+from climbplan.robots.urdf.proposal.propose_robot import detect_legs, prepare_detected_legs
 
 
 def standing_humanoid(folder: Path) -> RobotProposal:
@@ -48,7 +48,7 @@ def test_a_robot_that_braces_bent_otherwise_has_a_file_of_its_own(tmp_path: Path
 def test_a_robot_for_which_nothing_is_found_says_that_both_were_looked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(bracing_search, "_sample_bracing_postures", lambda own: [])
+    monkeypatch.setattr(bracing_random_search, "_sample_bracing_postures", lambda own: [])
     trials = ProposalTrials(standing_humanoid(tmp_path), tmp_path)
     refused = trials.plan_chimney(lambda words: None)
     assert refused.plan is None

@@ -15,10 +15,10 @@ from climbplan.errors import SpecError
 from climbplan.robots.any_robot import build_robot, require_no_flat_feet
 from climbplan.robots.facts import measure_robot
 from climbplan.robots.kinematics import (
-    inverse,
     point_hessian,
     point_jacobian,
     pushed_points,
+    solve_inverse_kinematics,
     standing_inverse,
     toe_world,
 )
@@ -60,7 +60,7 @@ def test_soles_lie_on_their_surfaces(robot: Robot) -> None:
     np.testing.assert_allclose(lie[..., 2], normal, atol=1e-8)
     np.testing.assert_allclose(lie[1, :, 1], [-np.sin(0.3), np.cos(0.3), 0.0], atol=1e-8)
     with pytest.raises(TypeError, match="flat feet"):
-        inverse(robot, robot.stance_body)
+        solve_inverse_kinematics(robot, robot.stance_body)
 
 
 def test_jacobians_are_those_of_the_corners(robot: Robot) -> None:

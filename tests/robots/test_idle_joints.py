@@ -8,8 +8,8 @@ import numpy as np
 from urdf_walkers import Walker
 
 from climbplan.robots.urdf.pinocchio_model import build_urdf_model
-from climbplan.robots.urdf.proposal.generator import detect_legs
-from climbplan.robots.urdf.proposal.unused_joints import find_unused_joints, lock_unused_joints
+from climbplan.robots.urdf.proposal.propose_robot import detect_legs
+from climbplan.robots.urdf.proposal.unused_joints import choose_locked_angles, find_unused_joints
 
 # An arm over the back that lies across both sides at zero, through the front legs
 BOOM = """<joint name="swing" type="revolute"><parent link="base_link"/><child link="swing"/>
@@ -40,8 +40,8 @@ def test_an_idle_arm_is_held_where_it_does_not_stand_out(tmp_path: Path) -> None
     idle = find_unused_joints(found.tree, set(legs), set())
     assert set(idle) == {"swing", "lift"}
     hips = np.array([model.read_leg(name).joints[0] for name in model.robot.limb_names])
-    held = lock_unused_joints(model, idle, legs, hips)
+    held = choose_locked_angles(model, idle, legs, hips)
     swing, lift = np.deg2rad(held["swing"]), np.deg2rad(held["lift"])
     aside = 0.7 * np.cos(lift) * np.cos(swing)  # where the end of the boom is beside the body
     assert aside < 0.25
-    assert held == lock_unused_joints(model, idle, legs, hips)
+    assert held == choose_locked_angles(model, idle, legs, hips)

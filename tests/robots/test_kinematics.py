@@ -9,11 +9,11 @@ from hypothesis import strategies as st
 
 from climbplan.errors import ReachFailure
 from climbplan.robots.kinematics import (
-    inverse,
     jacobian_body,
     jacobian_world,
     joint_points_body,
     require_reachable,
+    solve_inverse_kinematics,
     to_body,
     toe_body,
     toe_hessian,
@@ -91,7 +91,7 @@ def test_world_jacobian_turns_with_the_body(silvia: Robot) -> None:
 
 def test_inverse_finds_the_angles_again(silvia: Robot) -> None:
     angles = random_angles(silvia, 4, count=300)
-    solution = inverse(silvia, toe_body(silvia, angles))
+    solution = solve_inverse_kinematics(silvia, toe_body(silvia, angles))
     assert solution.valid.all()
     error = np.abs(solution.angles - angles[:, None]).max(axis=-1)  # (300, 4, N)
     assert error.min(axis=1).max() < 1e-6  # one of the branches is the one we started from
@@ -101,7 +101,7 @@ def test_inverse_finds_the_angles_again(silvia: Robot) -> None:
 
 def test_every_branch_reaches_the_toe(silvia: Robot) -> None:
     toes = toe_body(silvia, random_angles(silvia, 5, count=50))
-    solution = inverse(silvia, toes)
+    solution = solve_inverse_kinematics(silvia, toes)
     reached = toe_body(silvia, np.moveaxis(solution.angles, -3, 0))  # (4, 50, N, 3)
     error = np.linalg.norm(reached - toes, axis=-1)
     reachable = np.moveaxis(solution.reachable, -2, 0)

@@ -14,7 +14,6 @@ from climbplan.robots.any_robot import build_robot
 from climbplan.robots.kinematics import toe_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal.brace_refinement import refine_braces
-from climbplan.robots.urdf.proposal.generator import propose_robot
 from climbplan.robots.urdf.proposal.leg_naming import name_legs
 from climbplan.robots.urdf.proposal.lift_torque import (
     BracedStance,
@@ -26,6 +25,7 @@ from climbplan.robots.urdf.proposal.limbs import find_body_link, find_limbs
 from climbplan.robots.urdf.proposal.motors import propose_motors
 from climbplan.robots.urdf.proposal.postures import LegModel
 from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
+from climbplan.robots.urdf.proposal.propose_robot import propose_robot
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.mimics import check_mimics
 from climbplan.schema.robots.urdf.tree import parse_urdf

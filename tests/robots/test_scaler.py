@@ -11,7 +11,7 @@ from climbplan.climb.check.anew.five_bars import build_five_bars, solve_five_bar
 from climbplan.errors import SpecError
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.gripper import wrists_at
-from climbplan.robots.kinematics import inverse, jacobian_body, toe_body
+from climbplan.robots.kinematics import jacobian_body, solve_inverse_kinematics, toe_body
 from climbplan.robots.last_link import joint_axes_body, last_link_body
 from climbplan.robots.model import Robot
 from climbplan.schema.robots.source import load_robot, read_robot_text
@@ -35,7 +35,7 @@ def angles(robot: Robot) -> np.ndarray:
     """Postures about the stance, within the joint bounds."""
     rng = np.random.default_rng(0)
     toes = robot.stance_body + rng.uniform(-0.05, 0.05, (60, 4, 3))
-    solution = inverse(robot, toes)
+    solution = solve_inverse_kinematics(robot, toes)
     return solution.best()[solution.valid.all(axis=1)]
 
 
@@ -47,7 +47,7 @@ def test_zero_posture_is_the_published_one(legs: FiveBar) -> None:
 
 def test_inverse_finds_the_angles_again(robot: Robot, angles: np.ndarray) -> None:
     assert len(angles) > 30
-    solution = inverse(robot, toe_body(robot, angles))
+    solution = solve_inverse_kinematics(robot, toe_body(robot, angles))
     assert solution.valid.all()
     np.testing.assert_allclose(solution.best(), angles, atol=1e-9)
 
@@ -98,7 +98,7 @@ def test_workspace_ball_holds_bounds_and_wrists_on_a_flat_wall(robot: Robot) -> 
     ring = np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=-1)
     for radius in (0.0, 0.5, 1.0):
         toes = robot.stance_body + radius * robot.stance_radius * ring[:, None]
-        solution = inverse(robot, toes)
+        solution = solve_inverse_kinematics(robot, toes)
         assert solution.valid.all()
         found = solution.best()
         down = np.broadcast_to([0.0, 0, -1], found.shape)
@@ -112,12 +112,12 @@ def test_workspace_ball_holds_bounds_and_wrists_on_a_flat_wall(robot: Robot) -> 
 def test_out_of_reach_is_said(robot: Robot) -> None:
     toes = robot.stance_body.copy()
     toes[0] += [0.0, 0.3, 0.0]
-    solution = inverse(robot, toes)
+    solution = solve_inverse_kinematics(robot, toes)
     found = robot.limbs.explain_miss(solution, toes, 0, robot.joint_lower, robot.joint_upper)
     assert found.reason == "too far"
     assert found.missing > 0.1
     toes[0] = robot.stance_body[0] + [0.0, 0.0, 0.12]
-    solution = inverse(robot, toes)
+    solution = solve_inverse_kinematics(robot, toes)
     found = robot.limbs.explain_miss(solution, toes, 0, robot.joint_lower, robot.joint_upper)
     assert "crank" in found.reason or "close" in found.reason
 

@@ -24,7 +24,7 @@ from benchmarks.zoo.second.to_walls import Held, orders_to_walls
 from benchmarks.zoo.second.unproposed import all_right, unproposed
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.pinocchio_model import build_urdf_model
-from climbplan.robots.urdf.proposal.generator import detect_legs
+from climbplan.robots.urdf.proposal.propose_robot import detect_legs
 
 
 def limbs_of_walker(folder: Path, effort: float) -> Limbs:

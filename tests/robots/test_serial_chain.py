@@ -11,10 +11,10 @@ from climbplan.arrays import Array
 from climbplan.errors import ReachFailure
 from climbplan.robots.coxa_femur_tibia import JOINTS
 from climbplan.robots.kinematics import (
-    inverse,
     jacobian_body,
     joint_points_body,
     require_reachable,
+    solve_inverse_kinematics,
     toe_hessian,
 )
 from climbplan.robots.model import Robot
@@ -65,7 +65,7 @@ def _chained(silvia: Robot) -> Robot:
         np.stack([silvia.shoulder_body, hip, knee], axis=1),
         np.stack([up, hinge, hinge], axis=1),
         knee - tibia * up,
-        inverse(silvia, silvia.stance_body).best(),
+        solve_inverse_kinematics(silvia, silvia.stance_body).best(),
     )
     return replace(silvia, mechanism=chain)
 
@@ -79,7 +79,7 @@ def test_silvia_as_chains_is_silvia(silvia: Robot, chained: Robot) -> None:
 
 def test_chains_find_the_posture_of_the_closed_form(silvia: Robot, chained: Robot) -> None:
     toes = silvia.stance_body + np.random.default_rng(1).uniform(-0.15, 0.15, (300, 6, 3))
-    closed, found = inverse(silvia, toes), inverse(chained, toes)
+    closed, found = solve_inverse_kinematics(silvia, toes), solve_inverse_kinematics(chained, toes)
     np.testing.assert_array_equal(found.valid, closed.within_bounds[:, 0])
     assert 0.5 < found.valid.mean() < 0.95
     both = found.valid
@@ -150,7 +150,7 @@ def test_a_limb_with_fewer_joints_begins_with_none(chained: Robot) -> None:
     ]
     found = padded.inverse(toes, *bounds)
     assert found.valid.all()
-    expected = inverse(chained, toes).best()
+    expected = solve_inverse_kinematics(chained, toes).best()
     np.testing.assert_allclose(found.best()[:, 1:], expected, atol=1e-8)
     np.testing.assert_array_equal(found.best()[:, 0], 0.0)
     np.testing.assert_array_equal(padded.jacobian(found.best())[..., 0], 0.0)

@@ -11,10 +11,15 @@ import pytest
 from random_chains import random_robot
 
 from climbplan.climb.check.anew.chains import build_chains
-from climbplan.robots.kinematics import inverse, jacobian_body, toe_body, toe_hessian
+from climbplan.robots.kinematics import (
+    jacobian_body,
+    solve_inverse_kinematics,
+    toe_body,
+    toe_hessian,
+)
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.stated_robot import stated_limbs
+from climbplan.robots.symbolic_robot import build_symbolic_limbs
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
@@ -132,7 +137,7 @@ def test_the_checker_and_programs_have_the_same_limbs(both: tuple[UrdfRobot, Rob
     force = np.random.default_rng(1).normal(size=(robot.limb_count, 3))
     curved = np.einsum("ni,nijk->njk", force, pose.hessian)
     np.testing.assert_allclose(anew.compute_force_hessian(force), curved, atol=1e-12)
-    stated = stated_limbs(robot)
+    stated = build_symbolic_limbs(robot)
     numbers = {name: ca.DM(value) for name, value in stated.values(robot).items()}
     own = {"angles": ca.DM(angles.T), "pull": ca.DM.zeros(3, robot.limb_count)}
     standing = stated.standing(numbers, ca.DM(pose.toe.T), own)
@@ -157,7 +162,7 @@ def test_inverse_is_nearest_to_the_posture(both: tuple[UrdfRobot, Robot]) -> Non
     _, robot = both
     chain = chain_of(robot)
     toes = chain.pose(0.15 * drawn(robot, 8) + chain.posture).toe
-    solution = inverse(robot, toes)
+    solution = solve_inverse_kinematics(robot, toes)
     assert solution.valid.all()
     angles = solution.best()
     np.testing.assert_allclose(toe_body(robot, angles), toes, atol=1e-8)
@@ -172,7 +177,7 @@ def test_inverse_is_nearest_to_the_posture(both: tuple[UrdfRobot, Robot]) -> Non
 
 def test_programs_settle_as_the_inverse_does(both: tuple[UrdfRobot, Robot]) -> None:
     _, robot = both
-    stated = stated_limbs(robot)
+    stated = build_symbolic_limbs(robot)
     toes = toe_body(robot, 0.1 * drawn(robot, 9))
     found = {name: ca.DM(value.T) for name, value in stated.at_toes(robot, toes).items()}
     numbers = {name: ca.DM(value) for name, value in stated.values(robot).items()}

@@ -12,7 +12,7 @@ from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.simulation.replay import simulate
 from climbplan.errors import UsageError
-from climbplan.robots.urdf.proposal.generator import detect_legs, propose_robot
+from climbplan.robots.urdf.proposal.propose_robot import detect_legs, propose_robot
 from climbplan.simulation.conditions import NOMINAL
 
 BIPED = Path(__file__).parents[2] / "specs" / "biped.urdf"

@@ -20,9 +20,9 @@ from climbplan.robots.kinematics import jacobian_body, joint_points_body
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.stated_chains import StatedChains
-from climbplan.robots.stated_limbs import StatedLimbs
-from climbplan.robots.stated_robot import stated_limbs
+from climbplan.robots.symbolic_chains import SymbolicChains
+from climbplan.robots.symbolic_limbs import SymbolicLimbs
+from climbplan.robots.symbolic_robot import build_symbolic_limbs
 from climbplan.schema.robots.source import load_any_robot
 
 SPECS = Path(__file__).parents[2] / "specs"
@@ -41,7 +41,7 @@ def posture_of(robot: Robot) -> Array:
     return np.where(robot.has_joint, at_stance + drawn, 0.0)
 
 
-def numbers_of(robot: Robot, stated: StatedLimbs) -> dict[str, ca.DM]:
+def numbers_of(robot: Robot, stated: SymbolicLimbs) -> dict[str, ca.DM]:
     values = stated.values(robot)
     assert {name: np.shape(v) for name, v in values.items()} == stated.numbers
     return {name: ca.DM(v) for name, v in values.items()}
@@ -55,7 +55,7 @@ def value(expression: object) -> Array:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_joints_links_and_toes_are_the_robots(name: str) -> None:
     robot = robot_of(name)
-    stated = stated_limbs(robot)
+    stated = build_symbolic_limbs(robot)
     assert (stated.limbs, stated.joints) == (robot.limb_count, robot.joint_count)
     angles = posture_of(robot)
     numbers = numbers_of(robot, stated)
@@ -72,7 +72,7 @@ def test_joints_links_and_toes_are_the_robots(name: str) -> None:
 @pytest.mark.parametrize("name", ROBOTS)
 def test_torques_and_free_toes_at_toes_in_reach(name: str) -> None:
     robot = robot_of(name)
-    stated, numbers = stated_limbs(robot), numbers_of(robot, stated_limbs(robot))
+    stated, numbers = build_symbolic_limbs(robot), numbers_of(robot, build_symbolic_limbs(robot))
     toes = joint_points_body(robot, posture_of(robot))[:, -1]
     own = stated.at_toes(robot, toes)
     given = {n: ca.DM(v.T) for n, v in own.items()}
@@ -99,7 +99,7 @@ def test_torques_and_free_toes_at_toes_in_reach(name: str) -> None:
 def test_a_limb_with_freedom_to_choose_is_told_which_angles() -> None:
     """Angles that put the toe there but are not the nearest to the posture do not hold."""
     robot = robot_of("robot_walker.yaml")
-    stated, numbers = stated_limbs(robot), numbers_of(robot, stated_limbs(robot))
+    stated, numbers = build_symbolic_limbs(robot), numbers_of(robot, build_symbolic_limbs(robot))
     assert "pull" in stated.variable_shapes
     toes = robot.stance_body
     own = stated.at_toes(robot, toes)
@@ -116,7 +116,10 @@ def test_room_keeps_chains_off_full_stretch(tmp_path: Path) -> None:
     for robot in (robot_of("robot_walker.yaml"), random_robot(tmp_path, 3)[1]):
         chain = robot.mechanism
         assert isinstance(chain, SerialChain)
-        stated, numbers = stated_limbs(robot), numbers_of(robot, stated_limbs(robot))
+        stated, numbers = (
+            build_symbolic_limbs(robot),
+            numbers_of(robot, build_symbolic_limbs(robot)),
+        )
         angles = posture_of(robot)
         own = {"angles": ca.DM(angles.T), "pull": ca.DM.zeros(3, robot.limb_count)}
         standing = stated.standing(numbers, ca.DM.zeros(3, robot.limb_count), own)
@@ -130,7 +133,7 @@ def test_room_keeps_chains_off_full_stretch(tmp_path: Path) -> None:
 
 
 def test_room_of_two_equal_links_is_that_of_the_cosine_of_their_knee() -> None:
-    stated, room = StatedChains(1, 3, redundant=False), 1e-3
+    stated, room = SymbolicChains(1, 3, redundant=False), 1e-3
     numbers = {
         "joint_zero": ca.DM([[0, 0, 0], [0, 0, 0], [0, 0, -0.3]]).T,
         "axis_zero": ca.DM([[1, 0, 0], [0, 1, 0], [0, 1, 0]]).T,
@@ -154,7 +157,10 @@ def test_room_of_two_equal_links_is_that_of_the_cosine_of_their_knee() -> None:
 def test_links_weigh_in_programs_what_they_weigh(tmp_path: Path) -> None:
     for robot in (robot_of("robot_walker.yaml"), random_robot(tmp_path, 4)[1]):
         assert robot.links is not None
-        stated, numbers = stated_limbs(robot), numbers_of(robot, stated_limbs(robot))
+        stated, numbers = (
+            build_symbolic_limbs(robot),
+            numbers_of(robot, build_symbolic_limbs(robot)),
+        )
         angles = posture_of(robot)
         own = {"angles": ca.DM(angles.T), "pull": ca.DM.zeros(3, robot.limb_count)}
         standing = stated.standing(numbers, ca.DM.zeros(3, robot.limb_count), own)
@@ -168,4 +174,4 @@ def test_links_weigh_in_programs_what_they_weigh(tmp_path: Path) -> None:
 
 def test_closed_linkages_are_refused() -> None:
     with pytest.raises(UsageError, match="closed linkages"):
-        stated_limbs(robot_of("scaler"))
+        build_symbolic_limbs(robot_of("scaler"))

@@ -11,7 +11,7 @@ from urdf_humanoid import humanoid
 from walking_urdf import walking_robot
 
 from climbplan.robots.urdf.proposal import walking_stance
-from climbplan.robots.urdf.proposal.generator import detect_legs, prepare_detected_legs
+from climbplan.robots.urdf.proposal.propose_robot import detect_legs, prepare_detected_legs
 from climbplan.robots.urdf.proposal.walk_document import format_walk_document
 from climbplan.robots.urdf.walking_body import WalkingBody, build_walking_body
 

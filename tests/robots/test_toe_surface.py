@@ -16,7 +16,7 @@ from climbplan.errors import SpecError, UsageError
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.urdf.capsule_fit import fit_capsule
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
-from climbplan.robots.urdf.proposal.generator import detect_legs
+from climbplan.robots.urdf.proposal.propose_robot import detect_legs
 from climbplan.robots.urdf.proposal.toe_placement import place_toes_on_surface
 from climbplan.robots.urdf.proposal.toes import Toe
 from climbplan.robots.urdf.shapes import read_collision_shapes

@@ -10,7 +10,7 @@ from urdf_walkers import Walker
 
 from climbplan.robots.urdf.pinocchio_model import build_urdf_model
 from climbplan.robots.urdf.proposal.draft import Draft
-from climbplan.robots.urdf.proposal.generator import propose_robot
+from climbplan.robots.urdf.proposal.propose_robot import propose_robot
 from climbplan.robots.urdf.proposal.self_collision import (
     SelfCollisionModel,
     build_self_collision_model,

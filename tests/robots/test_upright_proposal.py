@@ -15,8 +15,8 @@ from climbplan.errors import UsageError
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.self_clearance import list_clearance_pairs
 from climbplan.robots.urdf.proposal.candidate_stances import find_candidate_stances
-from climbplan.robots.urdf.proposal.generator import detect_legs, propose_robot
 from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal, prepare_robot
+from climbplan.robots.urdf.proposal.propose_robot import detect_legs, propose_robot
 from climbplan.robots.urdf.robot_builder import build_robot_from_urdf
 from climbplan.robots.urdf.workspace import select_common_reach
 

@@ -16,7 +16,7 @@ from urdf_walkers import OCTOPOD, QUADRUPED, Walker
 
 from climbplan.errors import MissingSolver, SpecError
 from climbplan.robots.any_robot import build_robot, list_assumptions
-from climbplan.robots.kinematics import inverse, joint_points_body, toe_body
+from climbplan.robots.kinematics import joint_points_body, solve_inverse_kinematics, toe_body
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.schema.robots.source import load_any_robot
@@ -121,7 +121,7 @@ def test_balls_hold_what_they_promise(tmp_path: Path) -> None:
     toes = robot.stance_body + away
     near = np.linalg.norm(toes - robot.shoulder_body, axis=-1) <= robot.reach
     assert near.mean() > 0.5
-    assert inverse(robot, toes).valid[near].all()
+    assert solve_inverse_kinematics(robot, toes).valid[near].all()
 
 
 def test_axes_of_the_base(tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ def test_legs_of_different_make(tmp_path: Path) -> None:
     robot = build_robot(load_any_robot("robot.yaml", tmp_path))
     moved = robot.stance_body + np.array([0.0, 0.03, 0.04])
     assert robot.has_joint.sum(axis=1).tolist() == [3, 4, 4, 4]
-    solution = inverse(robot, moved)
+    solution = solve_inverse_kinematics(robot, moved)
     assert solution.valid.all()
     points = joint_points_body(robot, solution.best())
     np.testing.assert_allclose(points[:, -1], moved, atol=1e-8)

@@ -101,10 +101,12 @@ def test_weights_of_links_by_virtual_work(plan: ClimbPlan) -> None:
 
 
 def joint_angles_at_start(plan: ClimbPlan) -> np.ndarray:
-    from climbplan.robots.kinematics import inverse, to_body
+    from climbplan.robots.kinematics import solve_inverse_kinematics, to_body
 
     rounds = plan.rounds
-    return inverse(plan.robot, to_body(rounds.com[0], rounds.rpy[0], rounds.toes[0])).best()
+    return solve_inverse_kinematics(
+        plan.robot, to_body(rounds.com[0], rounds.rpy[0], rounds.toes[0])
+    ).best()
 
 
 def test_a_short_climb_is_as_planned(plan: ClimbPlan) -> None:

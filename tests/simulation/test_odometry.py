@@ -11,7 +11,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.simulation.control.regulator import JointOdometry
 from climbplan.climb.simulation.replay import simulate
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import solve_inverse_kinematics, to_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import Conditions, Regulated
 
@@ -31,7 +31,7 @@ def test_planned_angles_tell_the_planned_pose(planned: Planned) -> None:
 def test_a_body_that_sank_is_seen_to_have_sunk(planned: Planned) -> None:
     plan = planned()
     com, rpy = plan.rounds.com[0] + [0.0, 0.01, -0.02], plan.rounds.rpy[0]
-    angles = inverse(plan.robot, to_body(com, rpy, plan.rounds.toes[0])).best()
+    angles = solve_inverse_kinematics(plan.robot, to_body(com, rpy, plan.rounds.toes[0])).best()
     seen, _ = JointOdometry(plan).pose(0, angles)
     np.testing.assert_allclose(seen, com, atol=1e-9)
 

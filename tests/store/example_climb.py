@@ -26,7 +26,7 @@ from climbplan.climb.plan.climb_plan import (
 )
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.model import ClimbSpec
-from climbplan.robots.kinematics import inverse, jacobian_world, to_body, toe_world
+from climbplan.robots.kinematics import jacobian_world, solve_inverse_kinematics, to_body, toe_world
 from climbplan.robots.rotations import skew
 from climbplan.schema.robots.robot import RobotSpec
 
@@ -196,7 +196,7 @@ def _start_forces(scene: ClimbScene, rounds: Rounds, instants: Instants) -> Arra
     """Forces (N, 3) with all limbs standing at the start."""
     toes = rounds.toes[:1]
     row = {name: value[:1] for name, value in vars(instants).items()}
-    angles = inverse(scene.robot, to_body(row["com"], row["rpy"], toes)).best()
+    angles = solve_inverse_kinematics(scene.robot, to_body(row["com"], row["rpy"], toes)).best()
     everyone = np.ones_like(row["contact"])
     standing = {**row, "toes": toes, "contact": everyone, "joint_angles": angles}
     return least_energy(scene, Instants(**standing))[0]
@@ -244,7 +244,9 @@ def _trajectory(
         go(com=instants.com[k + 1], rpy=instants.rpy[k + 1], force=forces.force[k + 1])
     go()
     robot, arrays = scene.robot, {name: np.array(values) for name, values in samples.items()}
-    solution = inverse(robot, to_body(arrays["com"], arrays["rpy"], arrays["toes"]))
+    solution = solve_inverse_kinematics(
+        robot, to_body(arrays["com"], arrays["rpy"], arrays["toes"])
+    )
     assert solution.valid.all()
     angles = solution.best()
     jacobian = jacobian_world(robot, arrays["rpy"], angles)

@@ -11,9 +11,13 @@ from walk_tasks import walk_task
 
 from benchmarks.walking import learned
 from benchmarks.walking.online_options import OnlineInputs, OnlineOptions, online_inputs
-from climbplan.walking.online import strategies
+from climbplan.walking.online import section_ranking
 from climbplan.walking.online.library import SECTION, SectionLibrary, build_library
-from climbplan.walking.online.strategies import StrategyName, select_commonest, train_strategy
+from climbplan.walking.online.section_ranking import (
+    StrategyName,
+    select_commonest,
+    train_section_ranking,
+)
 
 TASK = walk_task(integrator="mean", min_contacts=2, workspace_over_stance=True)
 
@@ -67,7 +71,7 @@ def test_reduce_tries_the_gaits_of_the_likeliest_cluster_first(
     compared: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Two kinds of motion, told apart by what is asked: each has gaits of its own."""
-    monkeypatch.setattr(strategies, "_MAX_COMPARED", compared)
+    monkeypatch.setattr(section_ranking, "_MAX_COMPARED", compared)
     rng, legs, knots = np.random.default_rng(0), 4, SECTION + 1
     count = 60
     kind = np.arange(count) % 2
@@ -78,7 +82,7 @@ def test_reduce_tries_the_gaits_of_the_likeliest_cluster_first(
     features[:, 0] += 5.0 * kind
     motion = np.zeros((count, knots, 12)), rng.normal(0, 1e-3, (count, knots, legs, 3))
     library = SectionLibrary(features, *motion, force, contact, np.arange(count))
-    ranking = train_strategy("reduce", library, 0)
+    ranking = train_section_ranking("reduce", library, 0)
     for asked in (0, 1):
         wanted = np.array([5.0 * asked, 0, 0, 0, 0])
         found = ranking.rank(wanted, 4)
@@ -102,8 +106,8 @@ def test_of_many_gaits_the_commonest_are_told_apart() -> None:
 def test_gaits_too_rare_to_learn_are_never_proposed(
     inputs: OnlineInputs, name: StrategyName, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(strategies, "_MAX_GAITS", 1)
+    monkeypatch.setattr(section_ranking, "_MAX_GAITS", 1)
     library = inputs.libraries[-1]
-    ranking = train_strategy(name, library, 0)
+    ranking = train_section_ranking(name, library, 0)
     told = {library.contact[k].tobytes() for x in library.features for k in ranking.rank(x, 9)}
     assert len(told) == 1 < len(np.unique(library.contact, axis=0))

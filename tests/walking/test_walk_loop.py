@@ -27,9 +27,9 @@ from climbplan.walking.online.closed_loop import (
 from climbplan.walking.online.controller import OnlineController, OnlineSettings
 from climbplan.walking.online.estimation import SensorQuality
 from climbplan.walking.online.library import SectionLibrary, build_library
-from climbplan.walking.online.measurement import RobotMeasurement
 from climbplan.walking.online.run import build_scenario
 from climbplan.walking.online.state_feedback import StateNoise
+from climbplan.walking.online.tick_input import TickInput
 from climbplan.walking.problem.problem import build_sampled_task
 from climbplan.walking.schema.loading import load_mpc
 from climbplan.walking.schema.model import MpcSpec
@@ -222,7 +222,7 @@ class Blind(OnlineController):
 
     ticks = 0
 
-    def tick(self, situation: RobotMeasurement) -> Command:
+    def tick(self, situation: TickInput) -> Command:
         self.ticks += 1
         if self.ticks > 8:
             situation = replace(situation, state=np.full(12, np.nan))

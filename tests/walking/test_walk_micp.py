@@ -51,7 +51,7 @@ def test_a_motion_that_turns_is_in_the_relaxation() -> None:
         tube = replace(about, heading=heading)
         for plain in (False, True):
             program = build_relaxation(
-                task, tube, answer.objective * 1.01, 1, 1, 1.5, linear_inertia=plain
+                task, tube, answer.objective * 1.01, 1, 1, 1.5, constant_inertia=plain
             )
             assert program_cost(program, found) <= answer.objective * (1 + 1e-6)
 

@@ -62,11 +62,11 @@ def test_a_tube_is_parted_where_that_raises_the_bound(worth: float, count: int) 
     def bound(tube: AttitudeBox) -> float:
         return 1.0 - worth * float(tube.angles_half.max())
 
-    leaves = partition_attitudes(task, motions, width, 2.0, bound, lambda: True)
-    assert len(leaves) == count  # each as far as the reference, so that more gain nothing
-    assert sum(len(leaf.motions) for leaf in leaves) == 4
-    assert all(leaf.attitude_box.contains(state) for leaf in leaves for state in leaf.motions)
-    assert all(any(leaf.attitude_box.contains(state) for leaf in leaves) for state in motions)
+    cells = partition_attitudes(task, motions, width, 2.0, bound, lambda: True)
+    assert len(cells) == count  # each as far as the reference, so that more gain nothing
+    assert sum(len(cell.motions) for cell in cells) == 4
+    assert all(cell.attitude_box.contains(state) for cell in cells for state in cell.motions)
+    assert all(any(cell.attitude_box.contains(state) for cell in cells) for state in motions)
     assert (
         len(partition_attitudes(task, motions, width, 0.5, bound, lambda: True)) == 1
     )  # enough at once

@@ -24,11 +24,15 @@ from climbplan.walking.online.library import (
     read_library,
     write_library,
 )
-from climbplan.walking.online.measurement import RobotMeasurement
 from climbplan.walking.online.run import compute_library_key
 from climbplan.walking.online.safe_stance import plan_safe_stance
+from climbplan.walking.online.section_ranking import (
+    NearestNeighbours,
+    StrategyName,
+    train_section_ranking,
+)
 from climbplan.walking.online.state_feedback import StateNoise
-from climbplan.walking.online.strategies import NearestNeighbours, StrategyName, train_strategy
+from climbplan.walking.online.tick_input import TickInput
 from climbplan.walking.problem.problem import build_sampled_task
 from climbplan.walking.task.task import VELOCITY, Start, WalkTask
 
@@ -40,9 +44,9 @@ def library() -> SectionLibrary:
     return build_library(TASK, 3, 0, gaits=0)
 
 
-def situation(task: WalkTask) -> RobotMeasurement:
+def situation(task: WalkTask) -> TickInput:
     start = task.start
-    return RobotMeasurement(start.state, start.toes, start.toes, np.ones(4, bool))
+    return TickInput(start.state, start.toes, start.toes, np.ones(4, bool))
 
 
 def pushed(time: float, forward: float, aside: float) -> LoopScenario:
@@ -112,7 +116,7 @@ def test_an_empty_library_is_told(library: SectionLibrary) -> None:
     assert np.isfinite(command.trajectory.force).all()
 
 
-def broken(kind: str) -> RobotMeasurement:
+def broken(kind: str) -> TickInput:
     good = situation(TASK)
     state, toes = good.state.copy(), good.toes.copy()
     if kind == "nan":
@@ -174,7 +178,7 @@ def test_where_the_plan_before_slows_down_others_are_looked_at(
     simulate_loop(controller, TASK, 0.8)
     last, here = controller._previous_plan, controller._prediction
     assert last is not None
-    told = RobotMeasurement(here.state, here.start.toes, last.toes[0], last.gait.contact[0])
+    told = TickInput(here.state, here.start.toes, last.toes[0], last.gait.contact[0])
     tried = {}
     for slack in (
         controller_module._STEADY_TOLERANCE,
@@ -256,7 +260,7 @@ def test_a_push_that_nobody_survives_is_a_fall(library: SectionLibrary) -> None:
 @pytest.mark.parametrize("name", ["forest", "boosting", "network"])
 def test_trained_strategies_rank_gaits(library: SectionLibrary, name: StrategyName) -> None:
     """The gait of a stored situation comes first, or near; no gait comes twice."""
-    ranking = train_strategy(name, library, 0)
+    ranking = train_section_ranking(name, library, 0)
     found = 0
     for k in range(len(library)):
         ranked = ranking.rank(library.features[k], 5)
@@ -264,14 +268,14 @@ def test_trained_strategies_rank_gaits(library: SectionLibrary, name: StrategyNa
         assert len(set(gaits)) == len(gaits)
         found += library.contact[k].tobytes() in gaits
     assert found > 0.8 * len(library)
-    again = train_strategy(name, library, 0).rank(library.features[0], 5)
+    again = train_section_ranking(name, library, 0).rank(library.features[0], 5)
     np.testing.assert_array_equal(again, ranking.rank(library.features[0], 5))
 
 
 def test_without_sections_every_strategy_ranks_nothing(library: SectionLibrary) -> None:
     empty = library.select_walks(0)
     for name in ("knn", "forest"):
-        assert len(train_strategy(name, empty, 0).rank(library.features[0], 5)) == 0
+        assert len(train_section_ranking(name, empty, 0).rank(library.features[0], 5)) == 0
 
 
 @pytest.mark.parametrize("velocity", [(-1.0, 0, 0), (1.8, 0.5, 0), (0, 0, 0)])

@@ -16,7 +16,7 @@ from climbplan.walking.online.candidate_selection import SAFE_STANCE
 from climbplan.walking.online.controller import OnlineController, OnlineSettings
 from climbplan.walking.online.gait_solver import GaitSolver, IterationBudget
 from climbplan.walking.online.library import build_library
-from climbplan.walking.online.measurement import RobotMeasurement
+from climbplan.walking.online.tick_input import TickInput
 from climbplan.walking.published.program import ParametricRows, PublishedProgram
 from climbplan.walking.task.task import Integrator, Start
 
@@ -75,7 +75,7 @@ def test_answers_are_judged_on_the_true_dynamics() -> None:
     library = build_library(task, 2, 0, gaits=0)
     settings = OnlineSettings(form="published", neighbour_region_fraction=1.0, max_candidates=3)
     controller = OnlineController(task, library, settings)
-    situation = RobotMeasurement(
+    situation = TickInput(
         library.state[0, 0], library.toes[0, 0], library.toes[0, 0], np.ones(4, bool)
     )
     command = controller.tick(situation)

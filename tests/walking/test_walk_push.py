@@ -15,7 +15,6 @@ from climbplan.walking.kernels.body import integrate_rk4
 from climbplan.walking.kernels.continuous_rollout import roll_out_horizon
 from climbplan.walking.kernels.parameters import GaitHorizon
 from climbplan.walking.offline.sqp import solve_gait
-from climbplan.walking.online.candidates import find_reachable_legs
 from climbplan.walking.online.closed_loop import (
     LoopResult,
     LoopScenario,
@@ -25,6 +24,7 @@ from climbplan.walking.online.closed_loop import (
 )
 from climbplan.walking.online.controller import OnlineController, OnlineSettings
 from climbplan.walking.online.estimation import SensorQuality
+from climbplan.walking.online.gait_adaptation import find_reachable_legs
 from climbplan.walking.online.library import SectionLibrary, build_library
 from climbplan.walking.online.run import build_scenario, build_settings
 from climbplan.walking.online.stance import (

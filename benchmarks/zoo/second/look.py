@@ -20,7 +20,7 @@ from benchmarks.zoo.second.statics import Load, least_load
 from benchmarks.zoo.second.subject import Subject
 from benchmarks.zoo.second.to_walls import Held, orders_to_walls, way_to_ground
 from benchmarks.zoo.second.way import Walls, Way, round_from
-from climbplan.robots.urdf.proposal.braces import FRICTION_SAFETY, WALL_FRICTIONS
+from climbplan.robots.urdf.proposal.bracing_grid_search import FRICTION_SAFETY, WALL_FRICTIONS
 from climbplan.robots.urdf.proposal.prepared_robot import FLOOR_FRICTION
 from climbplan.robots.urdf.proposal.self_collision import SelfCollisionModel
 

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.robots.urdf.pinocchio_model import import_pinocchio
-from climbplan.robots.urdf.proposal.generator import read_tree
 from climbplan.robots.urdf.proposal.limbs import find_body_link, find_limbs
+from climbplan.robots.urdf.proposal.propose_robot import read_tree
 
 _DRAWN = 100  # postures
 _STILL = 1e-6  # of the largest singular value: a direction in which a toe does not move

@@ -11,8 +11,12 @@ from benchmarks.zoo.second.look import CLIMBS, COUNT, Look, second_look
 from benchmarks.zoo.second.planar import short_limbs
 from benchmarks.zoo.second.subject import Subject, subject_of_robot
 from climbplan.robots.urdf.pinocchio_model import import_pinocchio
-from climbplan.robots.urdf.proposal.generator import detect_legs, prepare_detected_legs, read_tree
 from climbplan.robots.urdf.proposal.limbs import find_body_link, find_limbs
+from climbplan.robots.urdf.proposal.propose_robot import (
+    detect_legs,
+    prepare_detected_legs,
+    read_tree,
+)
 
 _DRAWN = 1000  # postures of two legs
 

@@ -24,8 +24,8 @@ from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.kinematics import (
-    inverse,
     joint_points_body,
+    solve_inverse_kinematics,
     standing_inverse,
     to_body,
 )
@@ -141,7 +141,7 @@ def compute_limb_points(scene: MotionScene, com: Array, rpy: Array, toes: Array)
     Of feet that are not flat.
     """
     robot = scene.robot
-    angles = inverse(robot, to_body(com, rpy, toes)).best()
+    angles = solve_inverse_kinematics(robot, to_body(com, rpy, toes)).best()
     points = joint_points_body(robot, angles)
     return com[:, None, None] + np.einsum("kab,knjb->knja", rotation_world_body(rpy), points)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
-from climbplan.climb.coupled.statement import remove_unloadable_regions, state_coupled_program
+from climbplan.climb.coupled.statement import formulate_coupled_program, remove_unloadable_regions
 from climbplan.climb.postures.explanation import explain_infeasible
 from climbplan.climb.postures.statement import PostureMargins, build_posture_program
 from climbplan.climb.scene.climb_scene import ClimbScene
@@ -69,7 +69,7 @@ def prepare_problem(scene: ClimbScene, margins: PostureMargins) -> CoupledProble
             f"coupled planner: no postures within {options.time_limit:g} s", stage="posture"
         )
     origin = postures.value("com", first.x)
-    program = state_coupled_program(scene, margins, origin)
+    program = formulate_coupled_program(scene, margins, origin)
     instance = program.instantiate()
     guess = np.clip(np.zeros(instance.size), instance.lower, instance.upper)
     guess[: alone.size] = first.x  # forces come behind the posture program's variables

@@ -127,7 +127,7 @@ def remove_unloadable_regions(scene: ClimbScene) -> ClimbScene:
     return replace(scene, terrain=replace(terrain, allowed=allowed))
 
 
-def state_coupled_program(
+def formulate_coupled_program(
     scene: ClimbScene, margins: PostureMargins, origin: Array | None = None
 ) -> Program:
     """State postures with forces and the balance of forces and moments.

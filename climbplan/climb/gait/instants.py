@@ -9,7 +9,12 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import MotionScene, compute_load_wrench
-from climbplan.robots.kinematics import inverse, require_reachable, sole_turns, to_body
+from climbplan.robots.kinematics import (
+    require_reachable,
+    sole_turns,
+    solve_inverse_kinematics,
+    to_body,
+)
 from climbplan.robots.model import Robot
 
 
@@ -75,7 +80,7 @@ def compute_joint_angles(robot: Robot, instants: Instants, toes: Array, doing: s
     """
     toes_body = to_body(instants.com, instants.rpy, toes)
     turns = sole_turns(robot, instants.rpy, instants.normal)
-    solution = inverse(robot, toes_body, turns)
+    solution = solve_inverse_kinematics(robot, toes_body, turns)
     names = robot.limb_names
     for k in np.flatnonzero(~solution.valid.all(axis=1)):
         violation = None if turns is None else turns[k]

@@ -26,9 +26,9 @@ from climbplan.robots.joint_units import format_joint_position
 from climbplan.robots.kinematics import (
     contact_jacobian,
     contact_points,
-    inverse,
     require_reachable,
     sole_turns,
+    solve_inverse_kinematics,
     to_body,
 )
 from climbplan.robots.last_link import joint_axes_body
@@ -283,7 +283,7 @@ def _compute_joint_motion(
     robot = scene.robot
     toes_body = to_body(states.com, states.rpy, states.toes)
     turns = sole_turns(robot, states.rpy, states.normal)
-    solution = inverse(robot, toes_body, turns)
+    solution = solve_inverse_kinematics(robot, toes_body, turns)
     for s in np.flatnonzero(~solution.valid.all(axis=1)):
         require_reachable(robot, toes_body[s], where[s], None if turns is None else turns[s])
     angles = solution.best()

@@ -24,7 +24,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.program import Program
 from climbplan.robots.coxa_femur_tibia import CoxaFemurTibia
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import solve_inverse_kinematics, to_body
 from climbplan.robots.model import Robot
 
 _MAX_WEDGE_ANGLE = np.deg2rad(175.0)  # between bounds: beyond it they are no wedge
@@ -68,7 +68,7 @@ def compute_coxa_margins(robot: Robot, com: Array, rpy: Array, toes: Array) -> A
     """
     if not has_vertical_coxa(robot):
         return np.zeros(robot.limb_count)
-    angle = inverse(robot, to_body(com, rpy, toes)).best()[:, 0]
+    angle = solve_inverse_kinematics(robot, to_body(com, rpy, toes)).best()[:, 0]
     margin = np.minimum(angle - robot.joint_lower[:, 0], robot.joint_upper[:, 0] - angle)
     return np.asarray(np.maximum(np.nan_to_num(margin), 0.0))
 

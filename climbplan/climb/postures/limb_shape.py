@@ -12,7 +12,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.scene.climb_scene import ClimbScene
-from climbplan.robots.kinematics import inverse, joint_points_body, turns_under
+from climbplan.robots.kinematics import joint_points_body, solve_inverse_kinematics, turns_under
 from climbplan.robots.model import Robot
 
 _DIFFERENCE_STEP = 1e-5  # [m] of the differences
@@ -65,7 +65,7 @@ def linearise_limb(scene: ClimbScene, limb: int, reference: Array) -> LimbKeyPoi
     toes[:, limb] += toe_offsets
     # Soles lie level: what they do on slopes, the exact check finds
     sole_rotations = turns_under(robot, reference, np.broadcast_to([0.0, 0.0, 1.0], toes.shape))
-    solution = inverse(robot, toes, sole_rotations)
+    solution = solve_inverse_kinematics(robot, toes, sole_rotations)
     points = joint_points_body(robot, np.nan_to_num(solution.best()))[:, limb]
     knee_joint = _find_knee_joint(robot, points[0])
     knee = None

@@ -16,7 +16,10 @@ from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, SpecError, UsageError
-from climbplan.robots.urdf.proposal.bracing_search import place_on_ground, propose_bracing_postures
+from climbplan.robots.urdf.proposal.bracing_random_search import (
+    place_on_ground,
+    propose_bracing_postures,
+)
 from climbplan.robots.urdf.proposal.postures import LeggedPosture
 from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
 from climbplan.robots.urdf.proposal.robot_document import format_robot_document, format_urdf_path

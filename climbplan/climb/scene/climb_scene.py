@@ -20,7 +20,12 @@ from climbplan.errors import SpecError, SpecMistake
 from climbplan.mechanics.grip import Grippers, grippers_on
 from climbplan.mechanics.gripper_model import load_model
 from climbplan.robots.any_robot import build_robot
-from climbplan.robots.kinematics import contact_points, inverse, sole_turns, to_body
+from climbplan.robots.kinematics import (
+    contact_points,
+    sole_turns,
+    solve_inverse_kinematics,
+    to_body,
+)
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.task_robot import heading_as, standing_as, with_grip_limit, with_stance
@@ -308,7 +313,7 @@ def move_within_joint_bounds(
         lifted_points = points + lift * normals
         sole_rotations = sole_turns(one_limb, body[1], normals[:, None])
         valid = [
-            inverse(
+            solve_inverse_kinematics(
                 one_limb, to_body(*body, toe_points[:, None]), sole_rotations, joint_margin
             ).valid[:, 0]
             for toe_points in (points, lifted_points)

@@ -46,7 +46,7 @@ import numpy as np
 
 from climbplan.climb.transition.round_constraints import RoundConstraints, repeat_at_points
 from climbplan.program.staged_program import StagedProgram
-from climbplan.robots.stated_limbs import StatedLimbs
+from climbplan.robots.symbolic_limbs import SymbolicLimbs
 from climbplan.solvers.ipopt.staged_program import CompiledStagedProgram, compile_staged_program
 
 FACETS = 8
@@ -65,7 +65,7 @@ class ComplementarityDimensions:
     """The dimensions of a program."""
 
     rounds: int  # M
-    stated: StatedLimbs
+    stated: SymbolicLimbs
     surfaces: int  # S, that each limb may use
     edges: int  # E of the surfaces that do not bound the room, 0 if all do
     solids: int  # B that toes keep out of
@@ -131,14 +131,14 @@ def compile_complementarity_program(shape: ComplementarityDimensions) -> Complem
         "acceptable_tol": 1e-3,
         "mu_strategy": "adaptive",
     }
-    stated = state_complementarity(shape)
+    stated = formulate_complementarity(shape)
     stated.relax(COMPLEMENTS)
     penalised = compile_staged_program(_state(shape, penalised=True), settings, expand=True)
     rows = ca.Function("rows", [stated.x, stated.p], [stated.rows])
     return ComplementarityProgram(shape, penalised, stated, rows)
 
 
-def state_complementarity(shape: ComplementarityDimensions) -> StagedProgram:
+def formulate_complementarity(shape: ComplementarityDimensions) -> StagedProgram:
     """State the program of a shape with all pairs as constraints and contacts as binaries."""
     return _state(shape, penalised=False)
 
@@ -147,7 +147,7 @@ def _state(shape: ComplementarityDimensions, penalised: bool) -> StagedProgram:
     """State the program; penalised: products, also of binaries, cost with the weight "penalty"."""
     numbers = {**shape.numbers, **({"penalty": (1, 1)} if penalised else {})}
     rows = RoundConstraints("complementarity", shape.stated, shape.variables, numbers)
-    pairs = _state_round(shape, rows)
+    pairs = _formulate_round(shape, rows)
     if penalised:
         hold = rows.symbols["hold"]
         products = ca.vertcat(pairs, hold * (1 - hold))
@@ -157,7 +157,7 @@ def _state(shape: ComplementarityDimensions, penalised: bool) -> StagedProgram:
     return rows.build_trajectory(shape.rounds, binaries=["hold"])
 
 
-def _state_round(shape: ComplementarityDimensions, rows: RoundConstraints) -> Any:
+def _formulate_round(shape: ComplementarityDimensions, rows: RoundConstraints) -> Any:
     """State all constraints but the pairs; return the products (S + 2, N), without binaries'."""
     n, count = shape.limbs, shape.surfaces
     stage, s = rows.stage, rows.symbols

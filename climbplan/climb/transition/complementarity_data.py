@@ -29,7 +29,7 @@ from climbplan.mechanics.friction import contact_frame
 from climbplan.program.staged_program import StagedProgram
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import to_body
-from climbplan.robots.stated_robot import stated_limbs
+from climbplan.robots.symbolic_robot import build_symbolic_limbs
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region
 
@@ -39,7 +39,7 @@ _IN_FRONT = 1e-9  # [m]
 
 
 @dataclass(frozen=True)
-class FreeMotion:
+class ComplementarityData:
     """The program of one scene with all its data."""
 
     scene: TransitionScene
@@ -64,12 +64,12 @@ class FreeMotion:
         return values.reshape(len(values), -1, 3) if name == "toe" else values
 
 
-def build_free_motion(scene: TransitionScene) -> FreeMotion:
+def build_complementarity_data(scene: TransitionScene) -> ComplementarityData:
     """Build the program of a scene; raise TypeError for surfaces that are not flat."""
     surfaces = list_surfaces(scene)
     program = compile_complementarity_program(_build_shape(scene, surfaces))
     bounds = _build_variable_bounds(scene, program)
-    return FreeMotion(
+    return ComplementarityData(
         scene, program, surfaces, _build_parameters(scene, program.shape, surfaces), *bounds
     )
 
@@ -114,7 +114,7 @@ def _build_shape(scene: TransitionScene, surfaces: IntArray) -> ComplementarityD
     polygons = not _find_bounding_surfaces(scene).all()
     return ComplementarityDimensions(
         rounds=scene.spec.task.rounds,
-        stated=stated_limbs(scene.robot),
+        stated=build_symbolic_limbs(scene.robot),
         surfaces=surfaces.shape[1],
         edges=max((len(r.b) for r in _require_regions(scene)), default=0) if polygons else 0,
         solids=len(solids),
@@ -225,7 +225,7 @@ def compute_dependent_variables(
     scene: TransitionScene, pose: Array, toe: Array
 ) -> dict[str, Array]:
     """Compute start values (M, d) of limb variables for poses (M, 6) and toes (M, N, 3)."""
-    limbs = stated_limbs(scene.robot)
+    limbs = build_symbolic_limbs(scene.robot)
     if not limbs.variable_shapes:
         return {}
     before = np.concatenate([scene.start.toes[None], toe[:-1]])

@@ -14,7 +14,7 @@ from climbplan.climb.transition.standing_clearance import (
     StandingClearance,
     compute_standing_clearance,
 )
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import solve_inverse_kinematics, to_body
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.terrain.surfaces import Region, Surface
 
@@ -179,7 +179,9 @@ def compute_reach(
         solutions = []
         for points in (footholds.toe[:, number], hover[:, number]):
             all_poses = np.broadcast_to(points, (poses.count, *points.shape))
-            solutions.append(inverse(robot, to_body(poses.com, poses.rpy, all_poses)))
+            solutions.append(
+                solve_inverse_kinematics(robot, to_body(poses.com, poses.rpy, all_poses))
+            )
         angles.append(solutions[0].best())
         valid.append(solutions[0].valid & solutions[1].valid & footholds.real[:, number])
     combined = np.stack(valid, axis=2), np.stack(angles, axis=2)

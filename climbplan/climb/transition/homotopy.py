@@ -17,8 +17,8 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.transition.complementarity_data import (
-    FreeMotion,
-    build_free_motion,
+    ComplementarityData,
+    build_complementarity_data,
     compute_dependent_variables,
 )
 from climbplan.climb.transition.footholds import (
@@ -29,7 +29,7 @@ from climbplan.climb.transition.footholds import (
     compute_reach,
     list_footholds,
 )
-from climbplan.climb.transition.pose_paths import Sequence, State
+from climbplan.climb.transition.pose_paths import ContactSequence, State
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import compute_step_limits
 from climbplan.climb.transition.stance_forces import SearchTables
@@ -42,7 +42,7 @@ _MAX_HOMOTOPIES = 60  # homotopies of one start
 _MAX_DRAWS = 50  # of rounds for limbs, until they differ from earlier ones
 _INITIAL_PRESSURE = 0.3  # initial pressure by the weight
 
-VerifySequence = Callable[[SearchTables, Sequence], str]
+VerifySequence = Callable[[SearchTables, ContactSequence], str]
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ def run_from_start(
         deadline: Time limit in `time.monotonic` seconds.
     """
     begin = time.perf_counter()
-    motion, footholds = build_free_motion(scene), list_footholds(scene)
+    motion, footholds = build_complementarity_data(scene), list_footholds(scene)
     rng = np.random.default_rng(seed)
     v = np.clip(_draw_start(motion, rng), motion.lower, motion.upper)
     drawn_paths: set[bytes] = set()
@@ -100,7 +100,7 @@ def run_from_start(
 
 
 def _run_homotopy(
-    motion: FreeMotion, v: Array, penalties: tuple[float, ...], deadline: float
+    motion: ComplementarityData, v: Array, penalties: tuple[float, ...], deadline: float
 ) -> tuple[Array, int, bool]:
     """Run a homotopy; return its end, IPOPT's iterations, and whether that is complementary."""
     program, iterations = motion.program.penalised, 0
@@ -113,7 +113,7 @@ def _run_homotopy(
     return v, iterations, is_complementary(motion, v)
 
 
-def is_complementary(motion: FreeMotion, v: Array) -> bool:
+def is_complementary(motion: ComplementarityData, v: Array) -> bool:
     """Return whether all pairs of a point are complementary and all other constraints hold."""
     stated = motion.program.stated
     rows = np.array(motion.program.rows(v, stated.theta(motion.parameters))).ravel()
@@ -122,7 +122,7 @@ def is_complementary(motion: FreeMotion, v: Array) -> bool:
     return all(block.residual <= _FEASIBILITY_TOLERANCE for block in residuals)
 
 
-def _draw_start(motion: FreeMotion, rng: np.random.Generator) -> Array:
+def _draw_start(motion: ComplementarityData, rng: np.random.Generator) -> Array:
     """Draw a start: poses and toes on their straight paths, contacts and pressures at random."""
     scene, shape = motion.scene, motion.shape
     n, m = shape.limbs, shape.rounds
@@ -152,7 +152,7 @@ def _draw_start(motion: FreeMotion, rng: np.random.Generator) -> Array:
 
 
 def _perturb_rounds(
-    motion: FreeMotion,
+    motion: ComplementarityData,
     footholds: CandidateFootholds,
     v: Array,
     rng: np.random.Generator,
@@ -210,7 +210,11 @@ def _draw_path(
 
 
 def _place_on_path(
-    motion: FreeMotion, footholds: CandidateFootholds, v: Array, path: IntArray, moves: BoolArray
+    motion: ComplementarityData,
+    footholds: CandidateFootholds,
+    v: Array,
+    path: IntArray,
+    moves: BoolArray,
 ) -> Array:
     """Place the toes of a point on footholds (M, N); standing limbs press, moving ones do not."""
     shape, stated = motion.shape, motion.program.stated
@@ -243,13 +247,13 @@ def is_admissible(scene: TransitionScene, moves: BoolArray) -> bool:
     )
 
 
-def _compute_steps(motion: FreeMotion, v: Array) -> Array:
+def _compute_steps(motion: ComplementarityData, v: Array) -> Array:
     """Compute toe steps (M, N) [m]."""
     toes = np.concatenate([motion.scene.start.toes[None], motion.value("toe", v)])
     return np.asarray(np.linalg.norm(np.diff(toes, axis=0), axis=-1))
 
 
-def extract_sequence(motion: FreeMotion, v: Array) -> tuple[SearchTables, Sequence]:
+def extract_sequence(motion: ComplementarityData, v: Array) -> tuple[SearchTables, ContactSequence]:
     """Extract the contact sequence of a complementary point, with tables of its footholds."""
     scene, m = motion.scene, motion.shape.rounds
     moves = (motion.value("hold", v) < 0.5) & (_compute_steps(motion, v) > _MIN_STEP)
@@ -258,7 +262,7 @@ def extract_sequence(motion: FreeMotion, v: Array) -> tuple[SearchTables, Sequen
     tables = _build_tables(
         scene, toes, CandidateBodyPoses(pose[:, :3], pose[:, 3:]), motion.surfaces
     )
-    return tables, Sequence(_build_states(moves), tuple(range(m + 1)), 0.0, np.inf)
+    return tables, ContactSequence(_build_states(moves), tuple(range(m + 1)), 0.0, np.inf)
 
 
 def _build_tables(

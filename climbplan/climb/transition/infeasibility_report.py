@@ -11,7 +11,7 @@ from climbplan.arrays import IntArray
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.plan.climb_plan import format_sequence
 from climbplan.climb.transition.footholds import GOAL, START, CandidateBodyPoses
-from climbplan.climb.transition.pose_paths import Sequence, State, get_stance
+from climbplan.climb.transition.pose_paths import ContactSequence, State, get_stance
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.search import SequenceSearch, compute_step_limits
 from climbplan.climb.transition.stance_forces import (
@@ -138,7 +138,7 @@ def _find_longest_step(tables: SearchTables, limb: int, intermediate: list[int])
     return float(min([np.linalg.norm(goal - start), *via]))
 
 
-def _explain_forces(search: SequenceSearch, sequences: list[Sequence]) -> list[Conflict]:
+def _explain_forces(search: SequenceSearch, sequences: list[ContactSequence]) -> list[Conflict]:
     """Explain the infeasible rounds of the sequences that lack least friction."""
     tables = search.tables
     cells: dict[tuple[State, int], int] = {}
@@ -177,7 +177,12 @@ def _explain_forces(search: SequenceSearch, sequences: list[Sequence]) -> list[C
 
 
 def _explain_round(
-    search: SequenceSearch, sequence: Sequence, j: int, pose: int, stance: State, factor: float
+    search: SequenceSearch,
+    sequence: ContactSequence,
+    j: int,
+    pose: int,
+    stance: State,
+    factor: float,
 ) -> Conflict:
     """Explain one round, such as "LF on 'brick front' would need mu 0.62 and has 0.50"."""
     scene, tables = search.scene, search.tables

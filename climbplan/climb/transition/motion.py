@@ -18,8 +18,8 @@ from climbplan.climb.transition.motion_data import (
     find_links_to_separate,
     get_toes,
 )
-from climbplan.climb.transition.motion_statement import compile_motion_program
-from climbplan.climb.transition.pose_paths import Sequence
+from climbplan.climb.transition.motion_formulation import compile_motion_program
+from climbplan.climb.transition.pose_paths import ContactSequence
 from climbplan.climb.transition.stance_forces import SearchTables
 from climbplan.program.staged_program import StagedProgram
 
@@ -49,7 +49,7 @@ class TransitionMotion:
 
 def plan_motion(
     tables: SearchTables,
-    sequence: Sequence,
+    sequence: ContactSequence,
     safety_torque: float | None = None,
     margin_fraction: float = 0.0,
     separate: bool = False,
@@ -105,7 +105,7 @@ def plan_motion(
 
 
 def read_rounds(
-    tables: SearchTables, stated: StagedProgram, sequence: Sequence, v: Array
+    tables: SearchTables, stated: StagedProgram, sequence: ContactSequence, v: Array
 ) -> Rounds:
     """Read the postures of a point of the program, with toes exactly on their surfaces.
 

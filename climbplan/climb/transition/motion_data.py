@@ -13,8 +13,8 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.scene.climb_scene import compute_load_wrench
 from climbplan.climb.transition.footholds import GOAL, START
-from climbplan.climb.transition.motion_statement import POINTS, MotionDimensions
-from climbplan.climb.transition.pose_paths import Sequence, get_stance
+from climbplan.climb.transition.motion_formulation import POINTS, MotionDimensions
+from climbplan.climb.transition.pose_paths import ContactSequence, get_stance
 from climbplan.climb.transition.round_constraints import (
     TIES,
     build_joint_row_bounds,
@@ -35,7 +35,7 @@ from climbplan.program.staged_program import StagedProgram
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.robots.kinematics import to_body
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.robots.stated_robot import stated_limbs
+from climbplan.robots.symbolic_robot import build_symbolic_limbs
 from climbplan.terrain.surfaces import Region
 
 JOINT_MARGIN = 2e-3  # [rad] from joint bounds, for motions between instants
@@ -69,25 +69,25 @@ def build_shape(
         num_capsules=num_capsules if separate else 0,
         link_pairs=link_pairs if separate else (),
         rounds=rounds,
-        stated=stated_limbs(scene.robot),
+        stated=build_symbolic_limbs(scene.robot),
         solids=len(scene.terrain.solids),
         edges=max(len(s.b) for s in scene.terrain.surfaces if isinstance(s, Region)),
     )
 
 
-def get_toes(tables: SearchTables, sequence: Sequence) -> Array:
+def get_toes(tables: SearchTables, sequence: ContactSequence) -> Array:
     """Return the toes (M + 1, N, 3) of a sequence on its footholds [m]."""
     limb = np.arange(tables.scene.robot.limb_count)
     return tables.footholds.toe[limb, np.array(sequence.states)]
 
 
-def find_free_footholds(sequence: Sequence) -> BoolArray:
+def find_free_footholds(sequence: ContactSequence) -> BoolArray:
     """Find toes (M + 1, N) on intermediate footholds, whose places are variables."""
     states = np.array(sequence.states)
     return (states != START) & (states != GOAL)
 
 
-def compute_search_forces(tables: SearchTables, sequence: Sequence) -> tuple[Array, Array]:
+def compute_search_forces(tables: SearchTables, sequence: ContactSequence) -> tuple[Array, Array]:
     """Compute forces (M, N, 3) by the weight, and torque use (M,), at the poses of the search."""
     stances = np.array(
         [get_stance(a, b) for a, b in zip(sequence.states, sequence.states[1:], strict=False)]
@@ -127,7 +127,7 @@ def compute_force_margins(scene: TransitionScene, margin_fraction: float) -> For
 def build_motion_data(
     tables: SearchTables,
     stated: StagedProgram,
-    sequence: Sequence,
+    sequence: ContactSequence,
     safety_torque: float,
     margin_fraction: float = 0.0,
     separate: bool = False,
@@ -172,7 +172,7 @@ def build_motion_data(
         "force": max_force,
         "s": np.array([max_torque_use]),
     }
-    toes, limbs = _compute_toe_points(tables, sequence), stated_limbs(scene.robot)
+    toes, limbs = _compute_toe_points(tables, sequence), build_symbolic_limbs(scene.robot)
     at_toes = limbs.at_toes(scene.robot, toes)
     checked = np.swapaxes(_find_checked_toes(scene, sequence), 1, 2)[..., None]  # (M, POINTS, N, 1)
     for name in limbs.variable_shapes:
@@ -208,7 +208,7 @@ def _find_free_poses(scene: TransitionScene, rounds: int) -> BoolArray:
     return ((np.arange(rounds) > 0) | (scene.spec.posture.steps.com_shift_max > 0))[:, None]
 
 
-def _find_checked_toes(scene: TransitionScene, sequence: Sequence) -> BoolArray:
+def _find_checked_toes(scene: TransitionScene, sequence: ContactSequence) -> BoolArray:
     """Find toes (M, N, POINTS) that must be in reach: old, new, hovering over old, over new."""
     open_toes, moves = find_free_footholds(sequence), sequence.moves
     is_free = _find_free_poses(scene, len(moves))
@@ -217,7 +217,7 @@ def _find_checked_toes(scene: TransitionScene, sequence: Sequence) -> BoolArray:
 
 
 def find_links_to_separate(
-    tables: SearchTables, sequence: Sequence, colliding_motion: Rounds | None = None
+    tables: SearchTables, sequence: ContactSequence, colliding_motion: Rounds | None = None
 ) -> LinkPairs:
     """Find links of two limbs that come close on the path of the search, or in another motion."""
     moves = sequence.moves
@@ -231,7 +231,7 @@ def find_links_to_separate(
 
 
 def _compute_toe_points(
-    tables: SearchTables, sequence: Sequence, rounds: Rounds | None = None
+    tables: SearchTables, sequence: ContactSequence, rounds: Rounds | None = None
 ) -> Array:
     """Compute toes (M, POINTS, N, 3) old, new and hovering over both, body frame [m].
 
@@ -257,7 +257,7 @@ def _compute_toe_points(
 
 def _build_parameters(
     tables: SearchTables,
-    sequence: Sequence,
+    sequence: ContactSequence,
     margins: ForceMargins,
     toe_parameters: dict[str, Array],
 ) -> dict[str, Array]:
@@ -314,7 +314,7 @@ def _build_parameters(
 def _build_row_bounds(
     scene: TransitionScene,
     stated: StagedProgram,
-    sequence: Sequence,
+    sequence: ContactSequence,
     margins: ForceMargins,
     joint_margin: float,
 ) -> tuple[Array, Array]:

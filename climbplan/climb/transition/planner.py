@@ -22,7 +22,7 @@ from climbplan.climb.transition.following_climb import plan_following_climb
 from climbplan.climb.transition.footholds import CandidateBodyPoses
 from climbplan.climb.transition.homotopy import run_from_start
 from climbplan.climb.transition.infeasibility_report import OutOfReach, explain_no_sequence
-from climbplan.climb.transition.pose_paths import Sequence
+from climbplan.climb.transition.pose_paths import ContactSequence
 from climbplan.climb.transition.remedies import find_remedies
 from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.search import SequenceSearch
@@ -114,7 +114,7 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
 
 def search_sequences(
     scene: TransitionScene, deadline: float
-) -> tuple[SequenceSearch, list[Sequence]]:
+) -> tuple[SequenceSearch, list[ContactSequence]]:
     """Search sequences on the grid of poses; if there are none, also on poses that balance stances.
 
     Raises:
@@ -193,7 +193,7 @@ def _plan_by_complementarity(run: TransitionRun, seconds: float | None = None) -
     reasons: list[str] = []
     iterations = 0
 
-    def try_sequence(tables: SearchTables, sequence: Sequence) -> str:
+    def try_sequence(tables: SearchTables, sequence: ContactSequence) -> str:
         attempt = plan_and_verify_sequence(run, tables, sequence)
         if attempt.motion is not None:
             motions.append(attempt.motion)

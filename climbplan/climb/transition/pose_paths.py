@@ -7,7 +7,7 @@ safety factor that a sequence allows, therefore follow by dynamic programming.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence as Many
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +19,7 @@ State = tuple[int, ...]  # a foothold number for every limb
 
 
 @dataclass(frozen=True)
-class Sequence:
+class ContactSequence:
     """A contact sequence with its best paths through the poses searched."""
 
     states: tuple[State, ...]  # (M + 1)
@@ -38,10 +38,10 @@ class Sequence:
 def find_cheapest_path(
     tables: SearchTables,
     states: tuple[State, ...],
-    uses: Many[Array],
+    uses: Sequence[Array],
     step_cost: Array,
     first_cost: Array,
-) -> Sequence | None:
+) -> ContactSequence | None:
     """Find the cheapest path of states and that of largest S_tau; None if steps are too long.
 
     uses: torque use (B,) of each round by pose. step_cost: (B, B) between poses, infinite where a
@@ -66,7 +66,7 @@ def find_cheapest_path(
     limb = np.arange(len(states[0]))
     toes = tables.footholds.toe[limb, np.array(states)]
     toe_cost = weights.toe * np.sum(np.diff(toes, axis=0) ** 2)
-    return Sequence(
+    return ContactSequence(
         states=states,
         poses=_trace_path(cheapest_predecessors, last),
         cost=float(cost[last] + toe_cost),
@@ -75,7 +75,9 @@ def find_cheapest_path(
     )
 
 
-def add_friction_factors(tables: SearchTables, sequences: list[Sequence]) -> list[Sequence]:
+def add_friction_factors(
+    tables: SearchTables, sequences: list[ContactSequence]
+) -> list[ContactSequence]:
     """Add the largest S_mu that sequences allow on either of their paths."""
     cells: dict[tuple[State, int], int] = {}
     for sequence in sequences:
@@ -91,11 +93,13 @@ def add_friction_factors(tables: SearchTables, sequences: list[Sequence]) -> lis
         path_factors = [
             min(factor[cells[cell]] for cell in path) for path in _list_stance_poses(sequence)
         ]
-        result.append(Sequence(**(vars(sequence) | {"safety_friction": float(max(path_factors))})))
+        result.append(
+            ContactSequence(**(vars(sequence) | {"safety_friction": float(max(path_factors))}))
+        )
     return result
 
 
-def _list_stance_poses(sequence: Sequence) -> list[list[tuple[State, int]]]:
+def _list_stance_poses(sequence: ContactSequence) -> list[list[tuple[State, int]]]:
     """List stances and poses of every round, on the cheapest path and on that of largest S_tau."""
     stances = [get_stance(a, b) for a, b in itertools.pairwise(sequence.states)]
     return [

@@ -18,10 +18,10 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.schema.transition_loading import LoadedTransition
-from climbplan.climb.transition.complementarity import state_complementarity
+from climbplan.climb.transition.complementarity import formulate_complementarity
 from climbplan.climb.transition.complementarity_data import (
-    FreeMotion,
-    build_free_motion,
+    ComplementarityData,
+    build_complementarity_data,
     compute_dependent_variables,
 )
 from climbplan.climb.transition.following_climb import plan_following_climb
@@ -33,9 +33,9 @@ from climbplan.climb.transition.motion_data import (
     compute_search_forces,
     get_toes,
 )
-from climbplan.climb.transition.motion_statement import state_motion
+from climbplan.climb.transition.motion_formulation import formulate_motion
 from climbplan.climb.transition.planner import search_sequences
-from climbplan.climb.transition.pose_paths import Sequence
+from climbplan.climb.transition.pose_paths import ContactSequence
 from climbplan.climb.transition.scene import build_transition
 from climbplan.climb.transition.sequence_planning import (
     TransitionRun,
@@ -49,11 +49,11 @@ from climbplan.program.problem import Problem
 from climbplan.program.staged_program import StagedProgram
 from climbplan.reformulations.nlp_form import Bounds
 
-StatedProblem = tuple[Problem, dict[str, Array]]
+ParametrisedProblem = tuple[Problem, dict[str, Array]]
 Values = Mapping[str, Array]
 
 
-def state_transition(loaded: LoadedTransition) -> StatedProblem:
+def formulate_transition(loaded: LoadedTransition) -> ParametrisedProblem:
     """State the problem of a spec and its parameters, starting at the best sequence of the search.
 
     The sequence is free unless the spec names one. Raises what `plan_transition` raises if the
@@ -71,11 +71,11 @@ def state_transition(loaded: LoadedTransition) -> StatedProblem:
 
 
 def build_motion_problem(
-    run: TransitionRun, tables: SearchTables, sequence: Sequence
-) -> StatedProblem:
+    run: TransitionRun, tables: SearchTables, sequence: ContactSequence
+) -> ParametrisedProblem:
     """Build the motion problem of a sequence; `read_rounds` reads a solution."""
     scene = run.scene
-    stated = state_motion(build_shape(scene, len(sequence.states) - 1))
+    stated = formulate_motion(build_shape(scene, len(sequence.states) - 1))
     numbers = build_motion_data(tables, stated, sequence, scene.spec.force.safety_torque)
 
     def check(theta: object, values: Values) -> dict[str, float]:
@@ -94,14 +94,14 @@ def build_motion_problem(
 
 
 def build_transition_problem(
-    run: TransitionRun, tables: SearchTables, sequence: Sequence
-) -> StatedProblem:
+    run: TransitionRun, tables: SearchTables, sequence: ContactSequence
+) -> ParametrisedProblem:
     """Build the problem with a free sequence, starting from one of the search.
 
     `extract_sequence` reads a solution. Raises TypeError for surfaces that are not flat.
     """
-    motion = build_free_motion(run.scene)
-    stated = state_complementarity(motion.shape)
+    motion = build_complementarity_data(run.scene)
+    stated = formulate_complementarity(motion.shape)
     start = np.clip(_build_start_point(motion, tables, sequence), motion.lower, motion.upper)
 
     def check(theta: object, values: Values) -> dict[str, float]:
@@ -122,13 +122,15 @@ def _build_problem(
     start: Array,
     bounds: Bounds,
     check: Callable[[object, Values], dict[str, float]],
-) -> StatedProblem:
+) -> ParametrisedProblem:
     program = stated.program((bounds.row_lower, bounds.row_upper), (bounds.lower, bounds.upper))
     guess = {name: program.value(name, start) for name in program.variables}
     return Problem("transition", program, start=lambda theta: guess, check=check), parameters
 
 
-def _build_start_point(motion: FreeMotion, tables: SearchTables, sequence: Sequence) -> Array:
+def _build_start_point(
+    motion: ComplementarityData, tables: SearchTables, sequence: ContactSequence
+) -> Array:
     """Build a start point with the poses, toes and forces of the search."""
     shape, scene = motion.shape, tables.scene
     m, n = shape.rounds, shape.limbs

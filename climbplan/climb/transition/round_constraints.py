@@ -3,7 +3,7 @@
 In a round the body waits at a pose while some limbs move, then it moves to the next pose. Before
 the first round it may shift off its start (`posture.steps.com_shift_max`). Joint angles at each
 point where a toe has to be in reach are functions of pose and toe, or variables with constraints
-that tie them to these (`climbplan/robots/stated_limbs.py`). Forces are divided by the robot's
+that tie them to these (`climbplan/robots/symbolic_limbs.py`). Forces are divided by the robot's
 weight.
 
     transition.reach    a toe is in reach: |cos(knee)| within 1 (closed form), or the least
@@ -35,8 +35,8 @@ from climbplan.mechanics.stiffness import joint_softness
 from climbplan.program.stage import Stage
 from climbplan.program.staged_program import StagedProgram
 from climbplan.robots.model import Robot
-from climbplan.robots.stated_limbs import StandingLimbs, StatedLimbs
-from climbplan.robots.stated_robot import stated_limbs
+from climbplan.robots.symbolic_limbs import StandingLimbs, SymbolicLimbs
+from climbplan.robots.symbolic_robot import build_symbolic_limbs
 from climbplan.robots.symbols import build_rotation
 
 _DOWN = (0.0, 0.0, -1.0)
@@ -51,7 +51,9 @@ Shapes = Mapping[str, tuple[int, int]]
 class RoundConstraints:
     """A stage between two poses, with its symbols by name; matrices have one column per limb."""
 
-    def __init__(self, name: str, stated: StatedLimbs, variables: Shapes, numbers: Shapes) -> None:
+    def __init__(
+        self, name: str, stated: SymbolicLimbs, variables: Shapes, numbers: Shapes
+    ) -> None:
         """Create the symbols of a round.
 
         Args:
@@ -215,7 +217,7 @@ def repeat_at_points(shapes: Shapes, points: int) -> dict[str, tuple[int, int]]:
     return {name: (rows, points * columns) for name, (rows, columns) in shapes.items()}
 
 
-def _get_robot_shapes(stated: StatedLimbs) -> dict[str, tuple[int, int]]:
+def _get_robot_shapes(stated: SymbolicLimbs) -> dict[str, tuple[int, int]]:
     by_joint = (stated.joints, stated.limbs)
     return {
         **stated.numbers,
@@ -230,7 +232,7 @@ def build_robot_parameters(scene: TransitionScene, first_toes: Array) -> dict[st
     """Build the parameters that all programs of a scene share, as columns; first_toes: (N, 3)."""
     robot, weights = scene.robot, scene.spec.posture.weights
     parameters = {
-        **{name: v.T.ravel() for name, v in stated_limbs(robot).values(robot).items()},
+        **{name: v.T.ravel() for name, v in build_symbolic_limbs(robot).values(robot).items()},
         "first_toe": first_toes.ravel(),
         "first_com": scene.start.com,
         "last_pose": np.concatenate([scene.goal.com, scene.goal.rpy]),

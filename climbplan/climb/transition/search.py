@@ -26,7 +26,7 @@ from climbplan.climb.transition.footholds import (
     list_poses,
 )
 from climbplan.climb.transition.pose_paths import (
-    Sequence,
+    ContactSequence,
     State,
     add_friction_factors,
     find_cheapest_path,
@@ -91,7 +91,7 @@ class SequenceSearch:
             is_too_far, np.inf, weights.com * distances**2 + weights.rotation * squared_rotation
         )
 
-    def list_sequences(self) -> list[Sequence]:
+    def list_sequences(self) -> list[ContactSequence]:
         """List sequences of the spec's rounds, best first by the spec's ranking.
 
         At most twenty times `search.max_sequences` paths are looked at. Of sequences that move the
@@ -102,7 +102,7 @@ class SequenceSearch:
             LimitReached: The time limit was reached before any sequence was found.
         """
         self._explore()
-        best: dict[bytes, Sequence] = {}
+        best: dict[bytes, ContactSequence] = {}
         max_paths = 20 * self.scene.spec.search.max_sequences
         for number, states in enumerate(self._list_paths()):
             self.statistics.timed_out = bool(best) and self._is_timed_out()
@@ -144,7 +144,7 @@ class SequenceSearch:
         }
         return sorted(stances, key=lambda stance: (stance.count(LIFTED), stance))
 
-    def format_name(self, sequence: Sequence) -> str:
+    def format_name(self, sequence: ContactSequence) -> str:
         """Format a sequence, such as "3-3: RF RM LR | RR LM LF"."""
         return format_sequence(sequence.moves, self.scene.robot.limb_names)
 

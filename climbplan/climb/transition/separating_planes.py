@@ -14,7 +14,7 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.clearance.limb_pairs import build_body_solids
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.robots.capsules import limb_capsules
-from climbplan.robots.kinematics import inverse
+from climbplan.robots.kinematics import solve_inverse_kinematics
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.self_clearance import (
@@ -153,7 +153,7 @@ def compute_separating_planes(
 
 def _solve_angles(scene: TransitionScene, toes: Array) -> Array:
     """Solve joint angles (..., N, J) for toes (..., N, 3), body frame; nearest if out of reach."""
-    solution = inverse(scene.robot, toes)
+    solution = solve_inverse_kinematics(scene.robot, toes)
     first = solution.angles[..., 0, :, :]
     return np.where(solution.valid[..., None], solution.best(), first)
 

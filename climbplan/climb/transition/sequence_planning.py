@@ -30,7 +30,7 @@ from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.climb.transition.following_climb import FollowingClimb, join_instants, join_rounds
 from climbplan.climb.transition.motion import TransitionMotion, plan_motion
 from climbplan.climb.transition.motion_data import JOINT_MARGIN
-from climbplan.climb.transition.pose_paths import Sequence
+from climbplan.climb.transition.pose_paths import ContactSequence
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.climb.transition.stance_forces import SearchTables
 from climbplan.climb.transition.standing_clearance import describe_collision
@@ -234,7 +234,7 @@ class SequenceResult:
 
 
 def plan_and_verify_sequence(
-    run: TransitionRun, tables: SearchTables, sequence: Sequence
+    run: TransitionRun, tables: SearchTables, sequence: ContactSequence
 ) -> SequenceResult:
     """Plan a motion of a sequence that passes its verification, with escalating safety factors.
 
@@ -264,7 +264,7 @@ def plan_and_verify_sequence(
 class _SequencePlanner:
     """Plans motions of one sequence, and adapts the program to the failures of earlier ones."""
 
-    def __init__(self, run: TransitionRun, tables: SearchTables, sequence: Sequence) -> None:
+    def __init__(self, run: TransitionRun, tables: SearchTables, sequence: ContactSequence) -> None:
         self.run, self.tables, self.sequence = run, tables, sequence
         self.reason, self.iterations = "", 0
         self._separate = False  # add constraints that keep limbs and body clear

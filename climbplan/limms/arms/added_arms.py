@@ -16,7 +16,7 @@ from itertools import product
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
-from climbplan.limms.modules.chain import BRANCHES, inverse, range_excess
+from climbplan.limms.modules.chain import BRANCHES, range_excess, solve_inverse_kinematics
 from climbplan.limms.modules.limbs import compute_side_pose, compute_standing_rotation
 from climbplan.limms.motion.moving import compute_gaps, compute_rooted_points
 from climbplan.limms.motion.timeline import PartialPlan
@@ -121,7 +121,7 @@ def _compute_joint_travel(
     last = FramePoses(np.broadcast_to(positions, count), np.broadcast_to(frames, (*count, 3)))
     travel = np.full(len(positions), np.inf)
     for branch in BRANCHES:
-        solution = inverse(scene.module, first, last, branch)
+        solution = solve_inverse_kinematics(scene.module, first, last, branch)
         angles = np.unwrap(solution.angles, axis=0)
         full_turns = np.round((angles.max(axis=0) + angles.min(axis=0)) / 2 / (2 * np.pi))
         angles = angles - full_turns * 2 * np.pi * (np.array(scene.module.joint_range) > np.pi)
@@ -149,7 +149,9 @@ def _find_accessible(
                 bases, np.broadcast_to(compute_standing_rotation(0), (len(bases), 3, 3))
             )
             for branch in BRANCHES if is_on_ground.any() else ():
-                solution = inverse(scene.module, base, FramePoses(positions, frames), branch)
+                solution = solve_inverse_kinematics(
+                    scene.module, base, FramePoses(positions, frames), branch
+                )
                 fits = (solution.reach_error <= 0) & (
                     range_excess(scene.module, solution.angles) <= 0
                 )
@@ -171,7 +173,7 @@ def _solve_carrier(
         )
     options: list[tuple[float, Array]] = []
     for branch in BRANCHES:
-        solution = inverse(scene.module, first, last, branch)
+        solution = solve_inverse_kinematics(scene.module, first, last, branch)
         angles = solution.angles
         if solution.reach_error > 0 or range_excess(scene.module, angles, 0.05) > 0:
             continue

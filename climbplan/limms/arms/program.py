@@ -26,7 +26,7 @@ from climbplan.limms.arms.symbols import (
 )
 from climbplan.limms.budget.program_results import BoundaryConditions, CollisionCut, ProgramOutcome
 from climbplan.limms.budget.solver_work import measure_work
-from climbplan.limms.modules.chain import inverse
+from climbplan.limms.modules.chain import solve_inverse_kinematics
 from climbplan.limms.modules.chain_symbols import build_chain_function
 from climbplan.limms.modules.limbs import compute_limb_frames
 from climbplan.limms.scene.limms_scene import GRAVITY, ModuleScene
@@ -331,6 +331,6 @@ def _solve_angles(
 ) -> Array:
     """Return the joint angles (K + 1, 6) of a limb near to reference angles."""
     first, last = compute_limb_frames(scene, limb, position, limb.fixed_position)
-    angles = inverse(scene.module, first, last, limb.branch).angles
+    angles = solve_inverse_kinematics(scene.module, first, last, limb.branch).angles
     unwrapped: Array = angles + np.round((reference - angles) / (2 * np.pi)) * 2 * np.pi
     return unwrapped

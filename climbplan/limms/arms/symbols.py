@@ -1,4 +1,4 @@
-"""Symbolic closed-form inverse kinematics of an arm, as `chain.inverse` has it in numbers.
+"""Symbolic form of the closed-form inverse kinematics of an arm, `chain.solve_inverse_kinematics`.
 
 In one branch, the joint angles of an arm are functions of the placement of the box alone. Angles
 are unwrapped around a reference, so they are continuous across full turns. Out of reach they
@@ -93,7 +93,7 @@ def _inverse(
     r_last: ca.SX,
     reference: ca.SX,
 ) -> tuple[ca.SX, ca.SX]:
-    """Return angles (6) and margins (3) by the steps of `chain.inverse`."""
+    """Return angles (6) and margins (3) by the steps of `chain.solve_inverse_kinematics`."""
     a = scene.module.link_lengths
     upper, fore = a[2], a[3] + a[4]
     shoulder, elbow, flip = branch

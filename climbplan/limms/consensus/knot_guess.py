@@ -22,8 +22,8 @@ from climbplan.limms.modules.chain import (
     BRANCHES,
     forward,
     forward_from_last,
-    inverse,
     range_excess,
+    solve_inverse_kinematics,
 )
 from climbplan.limms.modules.contact import gap_between, gap_to_blocks, gap_within, link_segments
 from climbplan.limms.modules.limbs import compute_standing_rotation
@@ -68,7 +68,7 @@ def compute_initial_guess(
             moved_frame = Frame(root_position, base.rotation)
             for branch in BRANCHES:
                 ends = (moved_frame, last) if root == 0 else (first, moved_frame)
-                solution = inverse(problem.scene.module, *ends, branch)
+                solution = solve_inverse_kinematics(problem.scene.module, *ends, branch)
                 candidates.append(solution.angles)
                 root_positions.append(root_position)
                 reach_errors.append(float(solution.reach_error))

@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.limms.legs.joint_splines import compute_spline_rates, compute_spline_weights
 from climbplan.limms.legs.leg_phases import LegTrajectory
-from climbplan.limms.modules.chain import forward_from_last, inverse
+from climbplan.limms.modules.chain import forward_from_last, solve_inverse_kinematics
 from climbplan.limms.modules.limbs import compute_limb_frames, compute_limb_points
 from climbplan.limms.motion.cubics import BoxPath, evaluate_box_path, sample_knots
 from climbplan.limms.motion.straight_motion import compute_rates
@@ -96,7 +96,7 @@ def _solve_standing(
     """Return angles (n, 6) of a leg, and missing reach (n,) [m]."""
     first, last = compute_limb_frames(scene, limb, box, feet)
     shape = (len(box), 3, 3)
-    return inverse(
+    return solve_inverse_kinematics(
         scene.module,
         FramePoses(first.position, np.broadcast_to(first.rotation, shape)),
         FramePoses(last.position, np.broadcast_to(last.rotation, shape)),

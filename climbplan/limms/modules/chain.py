@@ -83,7 +83,7 @@ def forward_from_last(module: ModuleSpec, last: FramePoses, angles: Array) -> Po
     )
 
 
-def inverse(
+def solve_inverse_kinematics(
     module: ModuleSpec, base: FramePoses, last: FramePoses, branch: tuple[int, int, int]
 ) -> IkSolution:
     """Return angles in (-pi, pi] that bring the last end to `last`, clipped where out of reach.
@@ -134,7 +134,7 @@ def inverse_along_path(
         last: Poses of the last end (T).
         branch: Signs of shoulder, elbow and wrist.
     """
-    solution = inverse(module, base, last, branch)
+    solution = solve_inverse_kinematics(module, base, last, branch)
     angles = np.unwrap(solution.angles, axis=0)
     limits = np.array(module.joint_range)
     # Full turns are chosen so that the path is in the middle of the range
@@ -156,7 +156,7 @@ def follow_path(
         last: Poses of the last end (T).
         start: Angles from which the path continues (6,) [rad].
     """
-    solutions = [inverse(module, first, last, branch) for branch in BRANCHES]
+    solutions = [solve_inverse_kinematics(module, first, last, branch) for branch in BRANCHES]
     turn = 2 * np.pi
     path, current = [], start
     for options in np.stack([solution.angles for solution in solutions], axis=1):

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.modules.chain import BRANCHES, inverse, range_excess
+from climbplan.limms.modules.chain import BRANCHES, range_excess, solve_inverse_kinematics
 from climbplan.limms.modules.limbs import (
     compute_anchor_pose,
     compute_side_pose,
@@ -147,7 +147,7 @@ def _iterate_reaching_angles(
     at_base.base_position[module] = base.position
     length = APPROACH_LENGTHS[-1]
     for branch in BRANCHES:
-        solution = inverse(scene.module, base, target, branch)
+        solution = solve_inverse_kinematics(scene.module, base, target, branch)
         angles = solution.angles
         if solution.reach_error > 0 or range_excess(scene.module, angles) > 0:
             continue

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.limms.modules.chain import inverse
+from climbplan.limms.modules.chain import solve_inverse_kinematics
 from climbplan.limms.modules.limbs import compute_limb_frames, compute_side_pose
 from climbplan.limms.motion.cubics import evaluate_box_path, sample_knots
 from climbplan.limms.motion.straight_motion import compute_rates, select_branch
@@ -189,7 +189,7 @@ def _follow_branch(
     from climbplan.limms.modules.chain import BRANCHES, range_excess
 
     for branch in BRANCHES:
-        solution = inverse(scene.module, first, last, branch)
+        solution = solve_inverse_kinematics(scene.module, first, last, branch)
         angles = np.unwrap(solution.angles, axis=0)
         angles = angles + np.round((current - angles[0]) / (2 * np.pi)) * 2 * np.pi
         if solution.reach_error.max() > 0 or range_excess(scene.module, angles).max() > 0:

@@ -6,7 +6,12 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from climbplan.arrays import Array
-from climbplan.limms.modules.chain import BRANCHES, follow_path, inverse, range_excess
+from climbplan.limms.modules.chain import (
+    BRANCHES,
+    follow_path,
+    range_excess,
+    solve_inverse_kinematics,
+)
 from climbplan.limms.motion.moving import Blocked, add_motion, compute_gaps, compute_rooted_points
 from climbplan.limms.motion.timeline import PartialPlan, sample_times
 from climbplan.limms.scene.limms_scene import FramePoses
@@ -150,7 +155,7 @@ def select_branch(
     """Return the angles (n, 6) of the branch that is nearest to `start` and `end` at its ends."""
     best, error = None, np.inf
     for branch in BRANCHES:
-        angles = np.unwrap(inverse(module, first, last, branch).angles, axis=0)
+        angles = np.unwrap(solve_inverse_kinematics(module, first, last, branch).angles, axis=0)
         angles = angles + np.round((start - angles[0]) / (2 * np.pi)) * 2 * np.pi
         deviation = float(max(np.abs(angles[0] - start).max(), np.abs(angles[-1] - end).max()))
         if deviation < error:

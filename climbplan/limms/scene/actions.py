@@ -83,13 +83,13 @@ class TaskPlan:
     """A sequence of subtasks; all boxes stand between them."""
 
     subtasks: tuple[Subtask, ...]
-    tie_break_cost: float = 0.0  # orders plans with equal subtasks and modules
+    secondary_cost: float = 0.0  # orders plans with equal subtasks and modules
 
     def cost(self) -> float:
         """Return the cost that orders plans: modules at once, then subtasks, then effort."""
         max_modules = max(subtask.action.num_modules for subtask in self.subtasks)
         extra = sum(subtask.action.extra_cost() for subtask in self.subtasks)
-        return max_modules + SUBTASK_COST * (len(self.subtasks) - 1) + extra + self.tie_break_cost
+        return max_modules + SUBTASK_COST * (len(self.subtasks) - 1) + extra + self.secondary_cost
 
     def describe(self, scene: ModuleScene) -> str:
         """Return the task plan in words."""

@@ -34,7 +34,7 @@ MAX_PLANS_PER_ACTIONS = 2  # task plans of one kind with the same arms in the sa
 MIN_COST_TWO_SUBTASKS = 1.0 + SUBTASK_COST  # lower bound on the cost of two subtasks
 _MAX_SUCCESSORS = 3  # successors of each state and action, by each heuristic
 _LATCH_CHANGE_COST = 0.3  # for each module that latches to an anchor or comes down
-_TIE_BREAK_WEIGHT = 0.01  # of costs that only order plans with equal subtasks and modules
+_SECONDARY_COST_WEIGHT = 0.01  # of costs that only order plans with equal subtasks and modules
 _DETOUR_COST = 0.7  # cost of each subtask beyond the fewest
 
 
@@ -177,7 +177,7 @@ class _BestFirstSearch:
                         is_set_aside=target != GOAL,
                     )
                     distance = float(path_length(places[index], places[target]))
-                    tie_break = _TIE_BREAK_WEIGHT * (
+                    secondary_cost = _SECONDARY_COST_WEIGHT * (
                         0.1 * action.num_modules
                         + 0.2 * distance
                         + _LATCH_CHANGE_COST * effect.num_moves
@@ -189,10 +189,10 @@ class _BestFirstSearch:
                         - self.fewest_simple_subtasks,
                         0,
                     )
-                    tie_break += _DETOUR_COST * (detour - detour_before) + (
-                        task_plan.tie_break_cost if task_plan else 0.0
+                    secondary_cost += _DETOUR_COST * (detour - detour_before) + (
+                        task_plan.secondary_cost if task_plan else 0.0
                     )
-                    yield successor, TaskPlan((*subtasks, subtask), tie_break)
+                    yield successor, TaskPlan((*subtasks, subtask), secondary_cost)
 
     def _select_places(
         self, relaxed: RelaxedAction, box: int, state: TaskState, num_subtasks: int

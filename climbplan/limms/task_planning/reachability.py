@@ -50,7 +50,11 @@ HoldingCache = dict[tuple[Connection, bool], HoldingMap]
 
 
 def find_holding_places(
-    scene: ModuleScene, connection: Connection, places: Array, by_first: bool, cache: HoldingCache
+    scene: ModuleScene,
+    connection: Connection,
+    places: Array,
+    on_first_end: bool,
+    cache: HoldingCache,
 ) -> BoolArray:
     """Return where an arm can hold the box, bool (branches, n).
 
@@ -58,12 +62,12 @@ def find_holding_places(
         scene: The scene; its first box is the one to hold.
         connection: The anchor and the side of the box that the arm connects.
         places: Placements of the box (n, D) [m, rad]; the second one is the goal.
-        by_first: Whether the first end of the module is on the anchor, else its last end.
+        on_first_end: Whether the first end of the module is on the anchor, else its last end.
         cache: Maps of the same box and places; the result is added.
     """
-    if (connection, by_first) in cache:
-        return cache[connection, by_first].exclude_collisions(scene)
-    box_end = 1 if by_first else 0
+    if (connection, on_first_end) in cache:
+        return cache[connection, on_first_end].exclude_collisions(scene)
+    box_end = 1 if on_first_end else 0
     limb = build_arm(
         0, connection.side, compute_anchor_pose(scene, connection.root, 1 - box_end), box_end
     )
@@ -90,7 +94,7 @@ def find_holding_places(
             )
             links.append(link_segments(points, scene.module.radius))
         is_holdable[number, is_near] = is_feasible
-    cache[connection, by_first] = HoldingMap(is_holdable, np.concatenate(links))
+    cache[connection, on_first_end] = HoldingMap(is_holdable, np.concatenate(links))
     return is_holdable
 
 

@@ -107,31 +107,31 @@ def find_first_end_anchors(partial_plan: PartialPlan) -> frozenset[int]:
 
 
 def relax_carrying(
-    scene: ModuleScene, places: Array, by_first: frozenset[int], cache: HoldingCache
+    scene: ModuleScene, places: Array, first_end_anchors: frozenset[int], cache: HoldingCache
 ) -> list[RelaxedAction]:
     """Return the carrying actions of single arms if one latch holds the box, else of pairs."""
     if "arms" not in scene.allow:
         return []
     return [
         RelaxedAction(Action("arms", arms), mask, mask)
-        for arms, mask in _find_holding_arms(scene, places, by_first, cache)
+        for arms, mask in _find_holding_arms(scene, places, first_end_anchors, cache)
         if mask.any()
     ]
 
 
 def relax_actions(
-    scene: ModuleScene, places: Array, by_first: frozenset[int], cache: HoldingCache
+    scene: ModuleScene, places: Array, first_end_anchors: frozenset[int], cache: HoldingCache
 ) -> list[RelaxedAction]:
     """Return all actions that may move the first box of the scene.
 
     Args:
         scene: The scene with all other boxes where they stand.
         places: Placements of the box (n, D) [m, rad]: start, goal, standing places.
-        by_first: Terrain anchors that hold first ends of modules.
+        first_end_anchors: Terrain anchors that hold first ends of modules.
         cache: Holding maps of the same box and places with fewer other boxes; missing ones are
             added.
     """
-    carrying = relax_carrying(scene, places, by_first, cache)
+    carrying = relax_carrying(scene, places, first_end_anchors, cache)
     relaxed = carrying + list(_relax_throws(scene, carrying, places))
     if "arms" in scene.allow:
         relaxed += [*_relax_relatching(scene, places, cache), *_relax_chains(scene, places)]
@@ -163,14 +163,14 @@ def compute_cost_to_go(
 
 
 def _find_holding_arms(
-    scene: ModuleScene, places: Array, by_first: frozenset[int], cache: HoldingCache
+    scene: ModuleScene, places: Array, first_end_anchors: frozenset[int], cache: HoldingCache
 ) -> list[tuple[tuple[Connection, ...], BoolArray]]:
     """Return sets of arms that hold the box, and where they can, bool (branches, places)."""
     single: list[tuple[Connection, BoolArray]] = []
     for root in range(scene.num_wall_anchors):
         if is_accessible(scene, root):
             single += [
-                (c, find_holding_places(scene, c, places, root in by_first, cache))
+                (c, find_holding_places(scene, c, places, root in first_end_anchors, cache))
                 for c in (Connection(root, side) for side in range(4))
             ]
     singles: list[tuple[tuple[Connection, ...], BoolArray]] = [

@@ -19,7 +19,7 @@ _MIN_SPLIT_GAIN = 0.02  # of the cutoff, by which a split has to raise the bound
 
 
 @dataclass(frozen=True, eq=False)
-class AttitudeLeaf:
+class AttitudeCell:
     """An attitude box, the motions that it is about, and a lower bound on the cost within it."""
 
     attitude_box: AttitudeBox
@@ -34,7 +34,7 @@ def partition_attitudes(
     cutoff: float,
     compute_bound: Callable[[AttitudeBox], float],
     should_continue: Callable[[], bool],
-) -> list[AttitudeLeaf]:
+) -> list[AttitudeCell]:
     """Partition motions into attitude boxes, splitting the one with the lowest bound.
 
     A split is kept if it raises the bound by enough. Splitting ends where all bounds reach the
@@ -49,32 +49,32 @@ def partition_attitudes(
         should_continue: Whether time is left for another split.
 
     Returns:
-        The leaves, whose union contains all motions.
+        The cells, whose union contains all motions.
     """
 
-    def create_leaf(members: Array) -> AttitudeLeaf:
+    def create_cell(members: Array) -> AttitudeCell:
         attitude_box = build_attitude_box(task, members, *width)
-        return AttitudeLeaf(attitude_box, members, compute_bound(attitude_box))
+        return AttitudeCell(attitude_box, members, compute_bound(attitude_box))
 
-    candidates, unsplit = [create_leaf(motions)], list[AttitudeLeaf]()
+    candidates, unsplit = [create_cell(motions)], list[AttitudeCell]()
     while candidates and should_continue():
-        lowest = min(candidates, key=lambda leaf: leaf.bound)
+        lowest = min(candidates, key=lambda cell: cell.bound)
         if lowest.bound >= cutoff:
             break
         candidates.remove(lowest)
         halves = split_motions(lowest.motions, *width)
-        children = [create_leaf(half) for half in halves] if halves is not None else []
+        children = [create_cell(half) for half in halves] if halves is not None else []
         min_bound = lowest.bound + _MIN_SPLIT_GAIN * cutoff
-        if children and min(leaf.bound for leaf in children) >= min_bound:
+        if children and min(cell.bound for cell in children) >= min_bound:
             candidates += children
         else:
             unsplit.append(lowest)
     return unsplit + candidates
 
 
-def sort_narrow_first(leaves: Sequence[AttitudeLeaf]) -> list[int]:
-    """Return indices of leaves: those about few motions first, then those with low bounds."""
-    return sorted(range(len(leaves)), key=lambda k: (len(leaves[k].motions), leaves[k].bound))
+def sort_narrow_first(cells: Sequence[AttitudeCell]) -> list[int]:
+    """Return indices of cells: those about few motions first, then those with low bounds."""
+    return sorted(range(len(cells)), key=lambda k: (len(cells[k].motions), cells[k].bound))
 
 
 def split_motions(state: Array, angles: Array, omega: Array) -> tuple[Array, Array] | None:

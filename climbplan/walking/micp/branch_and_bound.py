@@ -21,7 +21,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.walking.check.checker import is_feasible
 from climbplan.walking.micp.attitude_box import AttitudeBox, build_attitude_box
 from climbplan.walking.micp.attitude_partition import (
-    AttitudeLeaf,
+    AttitudeCell,
     partition_attitudes,
     sort_narrow_first,
 )
@@ -58,13 +58,13 @@ _MIN_GAIT_PREFIX_GAIN = 0.0005  # of the cost, by which a prefix has to raise a 
 SEARCH_TANGENT_TOLERANCE = 5.0 * TANGENT_TOLERANCE  # of the cost, in the search over contacts
 _BRIEF_NODES = 60  # node limit of a brief search
 _REDUCTION_TOLERANCE = 2e-4  # of the cost, that the bound may lose in a smaller program
-_PRICING_QPS = 8  # iterations of the SQP that prices a gait
+_SCREENING_QPS = 8  # iterations of the SQP that screens a gait
 _POLISH_QPS = 40  # iterations that let the SQP converge
 
 
 @dataclass
 class BranchAndBound:
-    """The state of a run: incumbent, lower bound of each leaf, and the time that is used."""
+    """The state of a run: incumbent, lower bound of each cell, and the time that is used."""
 
     task: WalkTask  # with the dynamics that incumbents satisfy
     euler_task: WalkTask  # the same by forward Euler, which the program relaxes
@@ -72,9 +72,9 @@ class BranchAndBound:
     incumbent: WalkTrajectory
     objective: float  # cost of the incumbent
     start_time: float  # [s] of `limits.clock`
-    bounds: list[float] = field(default_factory=lambda: [0.0])  # of each leaf; costs are squares
-    leaf_index: int = 0  # of the leaf that is processed
-    time_fraction: float = 1.0  # of all time, at which the leaf has to end
+    bounds: list[float] = field(default_factory=lambda: [0.0])  # of each cell; costs are squares
+    cell_index: int = 0  # of the cell that is processed
+    time_fraction: float = 1.0  # of all time, at which the cell has to end
     worker_seconds: float = 0.0  # [s] of other processes, where the clock is per process
     message: str = "time limit"
     needs_restart: bool = False
@@ -88,7 +88,7 @@ class BranchAndBound:
 
     @property
     def bound(self) -> float:
-        """Lower bound on the cost of all motions in the union of the leaves."""
+        """Lower bound on the cost of all motions in the union of the cells."""
         return min(self.bounds)
 
     @property
@@ -98,13 +98,13 @@ class BranchAndBound:
 
     @property
     def seconds_left(self) -> float:
-        """Time left for the leaf that is processed [s]."""
+        """Time left for the cell that is processed [s]."""
         return max(self.time_fraction * self.limits.seconds - self.seconds, 0.0)
 
     @property
     def is_closed(self) -> bool:
-        """True if the bound of the current leaf is within the gap of the incumbent."""
-        bound = self.bounds[self.leaf_index]
+        """True if the bound of the current cell is within the gap of the incumbent."""
+        bound = self.bounds[self.cell_index]
         return self.objective - bound <= self.limits.gap * self.objective * (1 + 1e-9)
 
     @property
@@ -116,18 +116,18 @@ class BranchAndBound:
         """Return a HiGHS instance that stops at the time limit, if that is by the wall clock."""
         return create_lp_solver(self.seconds_left if self.uses_wall_clock else np.inf)
 
-    def build_leaves(self, motions: Array) -> list[AttitudeLeaf]:
-        """Partition the attitudes about motions (M, N + 1, 12) into leaves, and start over.
+    def build_cells(self, motions: Array) -> list[AttitudeCell]:
+        """Partition the attitudes about motions (M, N + 1, 12) into cells, and start over.
 
-        The bound of the run is from here on one of the union of these leaves.
+        The bound of the run is from here on one of the union of these cells.
         """
         limits, begin = self.limits, self.seconds
         width = np.array(limits.angles), np.array(limits.spin)
         if len(motions) <= 2:  # the start, and the incumbent
             attitude_box = build_attitude_box(self.euler_task, motions, *width)
-            leaves = [AttitudeLeaf(attitude_box, motions, 0.0)]
+            cells = [AttitudeCell(attitude_box, motions, 0.0)]
         else:
-            leaves = partition_attitudes(
+            cells = partition_attitudes(
                 self.euler_task,
                 motions,
                 width,
@@ -136,23 +136,23 @@ class BranchAndBound:
                 lambda: self.seconds < begin + _PARTITION_FRACTION * (limits.seconds - begin),
             )
         # Bounds of earlier attitude boxes say nothing about these.
-        self.bounds, self.needs_restart = [leaf.bound for leaf in leaves], False
+        self.bounds, self.needs_restart = [cell.bound for cell in cells], False
         self.history = [replace(entry, bound=0.0) for entry in self.history]
         self.record_progress()
-        return leaves
+        return cells
 
-    def bound_leaves(self, leaves: Sequence[AttitudeLeaf]) -> None:
-        """Bound one leaf after the other."""
+    def bound_cells(self, cells: Sequence[AttitudeCell]) -> None:
+        """Bound one cell after the other."""
         # Narrow boxes end early: the time that they leave goes to the wider ones.
-        order = sort_narrow_first(leaves)
+        order = sort_narrow_first(cells)
         for num_done, index in enumerate(order):
             used_fraction = self.seconds / self.limits.seconds
-            self.leaf_index = index
-            self.time_fraction = used_fraction + (1.0 - used_fraction) / (len(leaves) - num_done)
-            self.bound_leaf(leaves[index].attitude_box)
+            self.cell_index = index
+            self.time_fraction = used_fraction + (1.0 - used_fraction) / (len(cells) - num_done)
+            self.bound_cell(cells[index].attitude_box)
             if self.needs_restart:
                 break
-        self.time_fraction, self.leaf_index = 1.0, int(np.argmin(self.bounds))
+        self.time_fraction, self.cell_index = 1.0, int(np.argmin(self.bounds))
 
     def bound_by_root(self, attitude_box: AttitudeBox) -> float:
         """Return the bound of an attitude box by its root relaxation, at most the cutoff."""
@@ -166,8 +166,8 @@ class BranchAndBound:
         """Append the incumbent's cost and the bound to the history."""
         self.history.append(Improvement(self.seconds, self.objective, self.bound))
 
-    def bound_leaf(self, attitude_box: AttitudeBox) -> None:
-        """Search for motions below the cutoff; the leaf is closed if there are none."""
+    def bound_cell(self, attitude_box: AttitudeBox) -> None:
+        """Search for motions below the cutoff; the cell is closed if there are none."""
         root = self.tighten_root(self.create_root(attitude_box))
         if root is not None:
             self.search_contacts(root.node, root.program)
@@ -196,7 +196,7 @@ class BranchAndBound:
         """Tighten the bounds of a root by linear programs.
 
         Returns:
-            The root, or None if its leaf is closed or the time is over.
+            The root, or None if its cell is closed or the time is over.
         """
         cutoff = node.formulation.cutoff
         is_feasible, _ = self.bound_by_relaxation(node.formulation.build(None), cutoff)
@@ -214,12 +214,12 @@ class BranchAndBound:
             return None
         program = formulation.build(tightened.bounds)
         is_feasible, _ = self.bound_by_relaxation(program, cutoff)
-        node = replace(node, formulation=formulation, lower_bound=self.bounds[self.leaf_index])
+        node = replace(node, formulation=formulation, lower_bound=self.bounds[self.cell_index])
         return TightenedRoot(node, program) if is_feasible and self.seconds_left > 0 else None
 
     def reduce_rotation_rows(self, formulation: TaskRelaxation) -> TaskRelaxation:
         """Return the formulation without rotation rows of late knots, where the bound stays."""
-        target = self.bounds[self.leaf_index] - _REDUCTION_TOLERANCE * self.objective
+        target = self.bounds[self.cell_index] - _REDUCTION_TOLERANCE * self.objective
         for knots in range(count_early_intervals(formulation) + 1, formulation.task.knots):
             reduced = replace(formulation, num_rotation_knots=knots)
             solutions = self.refine_relaxation(reduced.build(None))
@@ -286,7 +286,7 @@ class BranchAndBound:
         )
 
     def fathom(self, cutoff: float) -> None:
-        """Raise the bound of the leaf to the cutoff: no motion is cheaper."""
+        """Raise the bound of the cell to the cutoff: no motion is cheaper."""
         self.raise_bound(cutoff, cutoff)
         self.message = "no motion is cheaper by the gap, by linear programs alone"
 
@@ -332,10 +332,10 @@ class BranchAndBound:
         )
 
     def raise_bound(self, bound: float, cutoff: float) -> None:
-        """Raise the bound of the leaf; motions above the cutoff are not in the program."""
+        """Raise the bound of the cell; motions above the cutoff are not in the program."""
         bound = min(bound, cutoff)
-        if np.isfinite(bound) and bound > self.bounds[self.leaf_index]:
-            self.bounds[self.leaf_index] = bound
+        if np.isfinite(bound) and bound > self.bounds[self.cell_index]:
+            self.bounds[self.cell_index] = bound
             self.record_progress()
 
     def try_rounded_gait(
@@ -363,11 +363,11 @@ class BranchAndBound:
             return
         self.tried_gaits.add(gait.key)
         for start in (None, build_iterate(self.incumbent, gait)):
-            priced = solve_gait(self.task, gait, start, _PRICING_QPS)
-            if priced.trajectory is None or priced.objective >= self.objective:
+            screened = solve_gait(self.task, gait, start, _SCREENING_QPS)
+            if screened.trajectory is None or screened.objective >= self.objective:
                 continue
             polished = solve_gait(
-                self.task, gait, build_iterate(priced.trajectory, gait), _POLISH_QPS
+                self.task, gait, build_iterate(screened.trajectory, gait), _POLISH_QPS
             )
             if polished.trajectory is None or polished.objective >= self.objective:
                 continue

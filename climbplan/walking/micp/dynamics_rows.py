@@ -162,15 +162,15 @@ class DynamicsRows(StanceCountRows):
             model.add_nonnegative("dynamics.spin", change + slack)
             model.add_nonnegative("dynamics.spin", slack - change)
 
-        if n + 1 < task.knots and self.linear_inertia:
+        if n + 1 < task.knots and self.constant_inertia:
             world_gyro = [
                 sum_expressions(gyro[j] * float(axes[k, j]) for j in range(3)) for k in range(3)
             ]
-            self.add_linear_inertia_rows(n, moment, world_gyro, axes_error @ max_gyro)
+            self.add_constant_inertia_rows(n, moment, world_gyro, axes_error @ max_gyro)
         elif n + 1 < task.knots:
             self.add_rotated_inertia_rows(n, moment, gyro, max_gyro)
 
-    def add_linear_inertia_rows(
+    def add_constant_inertia_rows(
         self, n: int, moment: list[LinExpr], gyro: list[LinExpr], gyro_error: Array
     ) -> None:
         """Add Euler's equation (8.15) times the inertia at the middle of the attitude box.

@@ -81,7 +81,7 @@ def _tighten_and_branch(
     if not run.bound_by_relaxation(program, cutoff, ())[0] or run.is_closed:
         return []
     last_bound = node.lower_bound
-    node = replace(node, bounds=tightened, lower_bound=run.bounds[run.leaf_index])
+    node = replace(node, bounds=tightened, lower_bound=run.bounds[run.cell_index])
     if run.seconds_left <= 0:
         return [node]
     if node.num_decided < count_early_intervals(formulation):
@@ -138,7 +138,7 @@ def _bisect(
         run.search_contacts(node, program, is_brief=bisection is not None)
         if bisection is None or run.is_closed:
             return None
-    bound = run.bounds[run.leaf_index]
+    bound = run.bounds[run.cell_index]
     return [
         replace(child, lower_bound=max(child.lower_bound, bound)) for child in bisection.children
     ]

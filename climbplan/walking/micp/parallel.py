@@ -1,4 +1,4 @@
-"""Parallel branch and bound: several processes take nodes of all leaves, lowest bound first.
+"""Parallel branch and bound: several processes take nodes of all cells, lowest bound first.
 
 The supervisor owns the queue of open nodes. A worker gets a node with the incumbent at that time,
 and returns its children, its bound and its incumbent. A step on a node is limited by work; the
@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from joblib.externals.loky import ProcessPoolExecutor
 
-from climbplan.walking.micp.attitude_partition import AttitudeLeaf, sort_narrow_first
+from climbplan.walking.micp.attitude_partition import AttitudeCell, sort_narrow_first
 from climbplan.walking.micp.branch_and_bound import BranchAndBound
 from climbplan.walking.micp.branching import WalkSubproblem
 from climbplan.walking.micp.node_processing import process_node
@@ -27,7 +27,7 @@ _ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 class _OpenNode:
     """An entry of the queue."""
 
-    leaf_index: int
+    cell_index: int
     node: WalkSubproblem
     since: float  # [s] when it entered the queue
 
@@ -41,21 +41,21 @@ class _NodeResult:
     seconds: float  # of the process
 
 
-def bound_in_parallel(run: BranchAndBound, leaves: Sequence[AttitudeLeaf]) -> None:
-    """Bound the leaves by `limits.processes` processes, best-bound first.
+def bound_in_parallel(run: BranchAndBound, cells: Sequence[AttitudeCell]) -> None:
+    """Bound the cells by `limits.processes` processes, best-bound first.
 
     Args:
         run: The state of the run, which is updated.
-        leaves: The attitude boxes whose union is bounded.
+        cells: The attitude boxes whose union is bounded.
     """
     num_processes = run.limits.processes
     queue = [
         _OpenNode(
             index,
-            replace(run.create_root(leaves[index].attitude_box), lower_bound=leaves[index].bound),
+            replace(run.create_root(cells[index].attitude_box), lower_bound=cells[index].bound),
             run.seconds,
         )
-        for index in sort_narrow_first(leaves)
+        for index in sort_narrow_first(cells)
     ]
     active, finished = dict[Future[_NodeResult], _OpenNode](), list[_OpenNode]()
     slots, used_seconds = dict[Future[_NodeResult], int](), np.full(num_processes, run.seconds)
@@ -86,7 +86,7 @@ def bound_in_parallel(run: BranchAndBound, leaves: Sequence[AttitudeLeaf]) -> No
                 used_seconds[slot] += result.seconds
                 _merge_worker_run(run, result.run, float(used_seconds[slot]))
                 queue += [
-                    _OpenNode(entry.leaf_index, child, float(used_seconds[slot]))
+                    _OpenNode(entry.cell_index, child, float(used_seconds[slot]))
                     for child in result.children
                 ]
                 if not result.children:
@@ -95,13 +95,13 @@ def bound_in_parallel(run: BranchAndBound, leaves: Sequence[AttitudeLeaf]) -> No
                 _update_bounds(run, [*queue, *active.values(), *finished])
     finally:
         pool.shutdown(wait=True, kill_workers=bool(active))
-    run.leaf_index = int(np.argmin(run.bounds))
+    run.cell_index = int(np.argmin(run.bounds))
 
 
 def _create_worker_run(run: BranchAndBound, bound: float, seconds: float) -> BranchAndBound:
     """Return a run on one node, with the incumbent of the supervisor."""
     limits = replace(run.limits, seconds=seconds)
-    return replace(run, limits=limits, bounds=[bound], leaf_index=0, worker_seconds=0.0, history=[])
+    return replace(run, limits=limits, bounds=[bound], cell_index=0, worker_seconds=0.0, history=[])
 
 
 _processor_time = 0.0  # [s] of this process at the end of its last node
@@ -129,9 +129,9 @@ def _merge_worker_run(run: BranchAndBound, worker_run: BranchAndBound, now: floa
 
 
 def _update_bounds(run: BranchAndBound, entries: Sequence[_OpenNode]) -> None:
-    """Set the bound of each leaf to the lowest bound of its nodes, where that is higher."""
+    """Set the bound of each cell to the lowest bound of its nodes, where that is higher."""
     bounds = [
-        min(entry.node.lower_bound for entry in entries if entry.leaf_index == index)
+        min(entry.node.lower_bound for entry in entries if entry.cell_index == index)
         for index in range(len(run.bounds))
     ]
     run.bounds = [max(pair) for pair in zip(run.bounds, bounds, strict=True)]

@@ -51,13 +51,13 @@ class TaskRelaxation:
     num_rotation_knots: int | None = None  # knots with rows of rotation; None: all
 
     def build(
-        self, bounds: VariableBounds | None, linear_inertia: bool = False
+        self, bounds: VariableBounds | None, constant_inertia: bool = False
     ) -> MixedIntegerRelaxation:
         """Return the relaxation of all motions within bounds.
 
         Args:
             bounds: Bounds of the variables; None: those of the attitude box and the cutoff alone.
-            linear_inertia: Take the inertia at the middle of the attitude box, with fewer columns.
+            constant_inertia: Take the inertia at the middle of the attitude box: fewer columns.
         """
         attitude_box = self.attitude_box
         if bounds is not None:
@@ -70,7 +70,7 @@ class TaskRelaxation:
             self.height_pieces,
             self.tangent_ratio,
             bounds=bounds,
-            linear_inertia=linear_inertia,
+            constant_inertia=constant_inertia,
             num_rotation_knots=self.num_rotation_knots,
         )
 
@@ -94,7 +94,7 @@ class TaskRelaxation:
             self.height_pieces,
             self.tangent_ratio,
         )
-        return prefix.build(truncate_bounds(bounds, length), linear_inertia=True)
+        return prefix.build(truncate_bounds(bounds, length), constant_inertia=True)
 
 
 @dataclass(frozen=True)

@@ -140,7 +140,7 @@ def build_relaxation(
     tangent_ratio: float,
     *,
     bounds: VariableBounds | None = None,
-    linear_inertia: bool = False,
+    constant_inertia: bool = False,
     num_rotation_knots: int | None = None,
 ) -> MixedIntegerRelaxation:
     """Build the relaxation of all motions within an attitude box and below a cutoff.
@@ -153,7 +153,7 @@ def build_relaxation(
         height_pieces: Pieces of the height of the body.
         tangent_ratio: Ratio of the points of tangency of squares.
         bounds: Bounds of the variables; None: nothing but the limits of the task is known.
-        linear_inertia: Take the inertia at the middle of the attitude box, with fewer columns.
+        constant_inertia: Take the inertia at the middle of the attitude box: fewer columns.
         num_rotation_knots: Knots with rows of rotation, and later ones are translations only;
             None: all knots.
 
@@ -168,7 +168,7 @@ def build_relaxation(
         height_pieces,
         tangent_ratio,
         bounds=bounds,
-        linear_inertia=linear_inertia,
+        constant_inertia=constant_inertia,
         num_rotation_knots=num_rotation_knots,
     ).build()
 

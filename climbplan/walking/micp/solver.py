@@ -41,11 +41,11 @@ def solve_micp(
     motions = [answer.trajectory.state for answer in answers if answer.trajectory is not None]
     run = BranchAndBound(task, euler_task, limits, start, cheapest.objective, limits.clock())
     while run.seconds_left > 0 and not run.is_closed:
-        leaves = run.build_leaves(np.stack([run.incumbent.state, *motions]))
+        cells = run.build_cells(np.stack([run.incumbent.state, *motions]))
         if limits.processes > 1:
-            bound_in_parallel(run, leaves)
+            bound_in_parallel(run, cells)
         else:
-            run.bound_leaves(leaves)
+            run.bound_cells(cells)
         # A much better incumbent narrows all bounds, and moves the attitude boxes.
         if not run.needs_restart:
             break

@@ -32,7 +32,7 @@ class StateVariables:
         tangent_ratio: float,
         *,
         bounds: VariableBounds | None = None,
-        linear_inertia: bool = False,
+        constant_inertia: bool = False,
         num_rotation_knots: int | None = None,
     ) -> None:
         """Create the model with its states.
@@ -45,11 +45,11 @@ class StateVariables:
             height_pieces: Pieces of the height of the body.
             tangent_ratio: Ratio of the points of tangency of squares.
             bounds: Bounds of the variables; None: nothing but the limits of the task is known.
-            linear_inertia: Take the inertia at the middle of the attitude box, with fewer columns.
+            constant_inertia: Take the inertia at the middle of the attitude box: fewer columns.
             num_rotation_knots: Knots with rows of rotation, and later ones are translations only;
                 None: all knots.
         """
-        self.linear_inertia = linear_inertia
+        self.constant_inertia = constant_inertia
         self.num_rotation_knots = (
             task.knots if num_rotation_knots is None else min(num_rotation_knots, task.knots)
         )

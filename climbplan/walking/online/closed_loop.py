@@ -28,7 +28,6 @@ from climbplan.walking.online.candidate_selection import PLAN_CONTINUES, Command
 from climbplan.walking.online.contact_forces import LegForces
 from climbplan.walking.online.controller import OnlineController
 from climbplan.walking.online.estimation import SensorQuality
-from climbplan.walking.online.measurement import RobotMeasurement
 from climbplan.walking.online.stance import (
     StancePhase,
     ToeStance,
@@ -36,6 +35,7 @@ from climbplan.walking.online.stance import (
     extract_first_phase,
 )
 from climbplan.walking.online.state_feedback import StateFeedback, StateNoise
+from climbplan.walking.online.tick_input import TickInput
 from climbplan.walking.task.task import STATE, VELOCITY, Gait, RigidBody, WalkTask, WalkTrajectory
 
 RECOVERY_TOLERANCE = 0.25  # [m/s] from the reference
@@ -179,7 +179,7 @@ class _LoopState:
         self.queue: list[_QueuedCommand] = []
         self.scheduled: dict[int, _QueuedCommand] = {}  # all commands, by first sample
         self.next_tick = 0
-        self.push_sample: int | None = None  # of a push without a new plan
+        self.replan_request_sample: int | None = None  # at which a new plan was requested
         self.last_measurement: tuple[int, Array, ToeStance] | None = None
         self.dropout_rng = np.random.default_rng([seed, 1])
         self.tick_samples: list[int] = []
@@ -250,15 +250,15 @@ class _LoopState:
         return any(queued.is_mid_interval for queued in self.queue)
 
     def is_ready_to_replan(self, sample: int) -> bool:
-        """Return whether a push was detected and the velocity estimate has converged since."""
-        if self.push_sample is None:
+        """Return whether a plan was requested and the velocity estimate has converged since."""
+        if self.replan_request_sample is None:
             return False
         is_velocity_known = self.feedback.velocity_std < MAX_VELOCITY_STD
-        return is_velocity_known or sample - self.push_sample >= _MAX_WAIT_SAMPLES
+        return is_velocity_known or sample - self.replan_request_sample >= _MAX_WAIT_SAMPLES
 
     def replan(self, sample: int) -> None:
         """Run a tick between knots if its plan comes into force well before the next one."""
-        self.push_sample = None
+        self.replan_request_sample = None
         start_sample = sample + self.scenario.delay_samples
         end_sample = self.next_tick + self.scenario.delay_samples
         if sample < self.next_tick and end_sample - start_sample >= MIN_REPLANNED_SAMPLES:
@@ -293,7 +293,7 @@ class _LoopState:
         half_interval = self.interval_samples // 2
         is_longer = (remaining_samples or self.interval_samples) > half_interval
         in_flight = ~stance.phase.contact
-        measurement = RobotMeasurement(
+        measurement = TickInput(
             state,
             stance_at_start.toes,
             stance_at_start.previous_toes,
@@ -414,7 +414,7 @@ class _LoopState:
                 and self.scenario.replan_at_push
                 and not self.has_queued_replan
             ):
-                self.push_sample = sample
+                self.replan_request_sample = sample
         self.reach_violation = max(
             self.reach_violation,
             compute_stance_violation(body.toe_workspace, self.state, self.stance.toes, contact),
@@ -428,7 +428,7 @@ class _LoopState:
             - planned_acceleration
         )
         if self.scenario.replan_at_push and np.linalg.norm(unexplained) > PUSH_ACCELERATION:
-            self.push_sample = sample
+            self.replan_request_sample = sample
 
     def compute_toes(self, sample: int) -> Array:
         """Return toes (L, 3) at a sample."""

@@ -29,13 +29,6 @@ from climbplan.walking.online.candidate_selection import (
     CandidateSelection,
     Command,
 )
-from climbplan.walking.online.candidates import (
-    build_flat_gait,
-    extract_iterate,
-    find_reachable_legs,
-    restrict_gait,
-    shift_plan,
-)
 from climbplan.walking.online.features import compute_features
 from climbplan.walking.online.footholds import (
     build_terrain_gait,
@@ -44,12 +37,19 @@ from climbplan.walking.online.footholds import (
     follow_terrain,
     project_to_footholds,
 )
+from climbplan.walking.online.gait_adaptation import (
+    build_flat_gait,
+    extract_iterate,
+    find_reachable_legs,
+    restrict_gait,
+    shift_plan,
+)
 from climbplan.walking.online.gait_solver import GaitSolution, GaitSolver, IterationBudget
 from climbplan.walking.online.library import SECTION, SectionLibrary
-from climbplan.walking.online.measurement import RobotMeasurement, detect_fault
 from climbplan.walking.online.safe_stance import plan_safe_stance
+from climbplan.walking.online.section_ranking import NearestNeighbours, Ranking
 from climbplan.walking.online.stance import limit_landing
-from climbplan.walking.online.strategies import NearestNeighbours, Ranking
+from climbplan.walking.online.tick_input import TickInput, detect_fault
 from climbplan.walking.task.task import (
     ANGLES,
     POSITION,
@@ -119,7 +119,7 @@ class _GaitCandidate:
     # First point of linearisation, possibly built on demand; None for uniform motion
     iterate: WalkIterate | Callable[[], WalkIterate] | None
     is_elastic: bool = False  # workspace rows may be violated at a penalty
-    has_short_interval: bool = False  # first interval of `RobotMeasurement.short_interval`
+    has_short_interval: bool = False  # first interval of `TickInput.short_interval`
 
 
 class OnlineController:
@@ -166,7 +166,7 @@ class OnlineController:
         self._flat_gaits: dict[int, Gait] = {}  # by section, on ground of one region
         self._warm_up()
 
-    def tick(self, measurement: RobotMeasurement) -> Command:
+    def tick(self, measurement: TickInput) -> Command:
         """Plan one tick of the model-predictive controller.
 
         Args:
@@ -188,7 +188,7 @@ class OnlineController:
         return self._select_command(task, measurement, selection)
 
     def _search_candidates(
-        self, task: WalkTask, measurement: RobotMeasurement, selection: CandidateSelection
+        self, task: WalkTask, measurement: TickInput, selection: CandidateSelection
     ) -> None:
         """Solve candidates until enough are feasible or the iteration budget is exhausted."""
         trusted = self._distrusted_ticks == 0
@@ -256,7 +256,7 @@ class OnlineController:
         return is_steady
 
     def _select_command(
-        self, task: WalkTask, measurement: RobotMeasurement, selection: CandidateSelection
+        self, task: WalkTask, measurement: TickInput, selection: CandidateSelection
     ) -> Command:
         """Return the command of the best plan, or of a fallback with the reason as a warning."""
         warnings = [] if len(self.library) else ["the library is empty"]
@@ -327,7 +327,7 @@ class OnlineController:
     def _generate_candidates(
         self,
         task: WalkTask,
-        measurement: RobotMeasurement,
+        measurement: TickInput,
         selection: CandidateSelection,
         available: BoolArray,
     ) -> Iterator[_GaitCandidate]:

@@ -6,7 +6,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.leg_order import MIRROR_POINT, MIRROR_TURN, mirror_legs
-from climbplan.walking.online.measurement import RobotMeasurement
+from climbplan.walking.online.tick_input import TickInput
 
 # Difference that counts as a unit of distance, for each kind of feature
 _SCALES = {
@@ -21,9 +21,7 @@ _SCALES = {
 }
 
 
-def compute_features(
-    measurement: RobotMeasurement, height: float, reference_velocity: Array
-) -> Array:
+def compute_features(measurement: TickInput, height: float, reference_velocity: Array) -> Array:
     """Return the features (F,) of a measurement.
 
     Args:

@@ -10,7 +10,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.walking.offline.footing import build_gait
 from climbplan.walking.offline.gaits import assign_regions
 from climbplan.walking.offline.pinned import WalkIterate
-from climbplan.walking.online.candidates import build_flat_gait
+from climbplan.walking.online.gait_adaptation import build_flat_gait
 from climbplan.walking.problem.problem import compute_ground_height
 from climbplan.walking.task.ground import Ground
 from climbplan.walking.task.task import POSITION, Gait, Goal, Start, WalkTask, WalkTrajectory

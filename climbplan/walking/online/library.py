@@ -23,7 +23,7 @@ from climbplan.walking.online.features import (
     compute_features,
     feature_count,
 )
-from climbplan.walking.online.measurement import RobotMeasurement
+from climbplan.walking.online.tick_input import TickInput
 from climbplan.walking.problem.problem import compute_ground_height
 from climbplan.walking.task.task import (
     ANGLES,
@@ -166,7 +166,7 @@ def cut_sections(task: WalkTask, trajectory: WalkTrajectory, walk: int) -> Secti
     sections: list[tuple[Any, ...]] = []
     for n in range(task.knots - SECTION + 1):
         previous = max(n - 1, 0)
-        measurement = RobotMeasurement(
+        measurement = TickInput(
             trajectory.state[n],
             _project_to_ground(trajectory.toes[n]),
             _project_to_ground(trajectory.toes[previous]),

@@ -48,8 +48,8 @@ from climbplan.walking.online.library import (
     mirror_library,
     read_library,
 )
+from climbplan.walking.online.section_ranking import train_section_ranking
 from climbplan.walking.online.state_feedback import StateNoise
-from climbplan.walking.online.strategies import train_strategy
 from climbplan.walking.plan.foot_centres import raise_plan
 from climbplan.walking.plan.walk_plan import LoopRecord, WalkPlan
 from climbplan.walking.problem.problem import build_sampled_task, build_task
@@ -137,7 +137,7 @@ def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
         task, spec.library, loaded.directory, spec.seed, key, report, deadline=deadline
     )
     ready = time.perf_counter()
-    ranking = train_strategy(spec.library.strategy, library, spec.seed)
+    ranking = train_section_ranking(spec.library.strategy, library, spec.seed)
     controller = OnlineController(task, library, build_settings(spec), ranking)
     with freeze_garbage():
         loop = simulate_loop(

@@ -17,7 +17,7 @@ from climbplan.climb.postures.statement import (
 )
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_climb
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import solve_inverse_kinematics, to_body
 
 # A narrow stance on level ground, in which middle legs would turn too far
 NARROW = """\
@@ -50,7 +50,9 @@ def test_rows_say_what_inverse_kinematics_says(narrow: ClimbScene) -> None:
     for limb in range(robot.limb_count):
         toes = np.tile(robot.stance_body, (300, 1, 1))
         toes[:, limb] += rng.uniform(-0.12, 0.12, (300, 3)) * [1.0, 1.0, 0.1]
-        coxa = inverse(robot, toes).angles[:, 0, limb, 0]  # the branch that faces the toe
+        coxa = solve_inverse_kinematics(robot, toes).angles[
+            :, 0, limb, 0
+        ]  # the branch that faces the toe
         lower, upper = robot.joint_lower[limb, 0], robot.joint_upper[limb, 0]
         off = toes[:, limb] - robot.shoulder_body[limb]
         inside = (off @ compute_wedge_normals(robot, limb).T >= 0).all(axis=1)

@@ -13,16 +13,16 @@ from climbplan.climb.plan.file import write_climb
 from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.complementarity import (
     ComplementarityDimensions,
-    state_complementarity,
+    formulate_complementarity,
 )
-from climbplan.climb.transition.complementarity_data import build_free_motion
+from climbplan.climb.transition.complementarity_data import build_complementarity_data
 from climbplan.climb.transition.homotopy import run_from_start
 from climbplan.climb.transition.planner import plan_transition
-from climbplan.climb.transition.pose_paths import Sequence
+from climbplan.climb.transition.pose_paths import ContactSequence
 from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.stance_forces import SearchTables
 from climbplan.errors import UsageError
-from climbplan.robots.stated_chains import StatedChains
+from climbplan.robots.symbolic_chains import SymbolicChains
 
 SPECS = Path(__file__).parents[3] / "specs"
 FLAT, BRICKS = SPECS / "transition_flat.yaml", SPECS / "transition_bricks.yaml"
@@ -36,9 +36,9 @@ def scene_of(path: Path, *overrides: str) -> TransitionScene:
 @pytest.mark.parametrize("rounds", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_random_starts_end_at_sequences_that_stand(rounds: int) -> None:
     scene = scene_of(FLAT, f"task.rounds={rounds}")
-    found: list[Sequence] = []
+    found: list[ContactSequence] = []
 
-    def carry(tables: SearchTables, sequence: Sequence) -> str:
+    def carry(tables: SearchTables, sequence: ContactSequence) -> str:
         assert tables.scene is scene
         found.append(sequence)
         return ""
@@ -58,7 +58,7 @@ def test_a_start_goes_on_after_a_sequence_is_refused() -> None:
     scene = scene_of(FLAT)
     seen: list[bytes] = []
 
-    def carry(tables: SearchTables, sequence: Sequence) -> str:
+    def carry(tables: SearchTables, sequence: ContactSequence) -> str:
         seen.append(sequence.moves.tobytes())
         return "" if len(seen) == 2 else "not this one"
 
@@ -76,7 +76,7 @@ def test_the_same_seed_gives_the_same_start() -> None:
 
 def _outside(scene: TransitionScene, toe: Array, side: int) -> float:
     """Row of one limb's toe after round 1 at a place, all weight on one face of box 1."""
-    motion = build_free_motion(scene)
+    motion = build_complementarity_data(scene)
     stated = motion.program.stated
     limb = scene.robot.limb_names.index("LF")
     v = np.clip(np.zeros_like(motion.lower), motion.lower, motion.upper)
@@ -100,7 +100,7 @@ def test_toes_keep_out_of_boxes_by_weights_of_faces() -> None:
 
 def test_rows_bound_only_what_bounds_the_room() -> None:
     scene = scene_of(BRICKS)
-    motion = build_free_motion(scene)
+    motion = build_complementarity_data(scene)
     stated, surfaces = motion.program.stated, motion.surfaces
     lower = motion.bounds(stated).row_lower[stated.block("contact.distance")]
     names = [s.name for s in scene.terrain.surfaces]
@@ -129,10 +129,10 @@ def test_a_named_sequence_is_not_for_this_method() -> None:
 @pytest.mark.parametrize("solids", [0, 1])
 def test_chains_of_three_joints_have_a_program(solids: int) -> None:
     """The side to which such limbs bend is a number, weights of the faces of solids are not."""
-    limbs = StatedChains(limbs=4, joints=3, redundant=False)
+    limbs = SymbolicChains(limbs=4, joints=3, redundant=False)
     shape = ComplementarityDimensions(
         2, limbs, surfaces=2, edges=4, solids=solids, faces=6 * solids
     )
-    stated = state_complementarity(shape)
+    stated = formulate_complementarity(shape)
     assert stated.place("face_weight").shape == (2, 6 * solids * 4)
     assert stated.sizes()["solid.outside"] == 2 * solids * 4

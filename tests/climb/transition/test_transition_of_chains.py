@@ -22,7 +22,7 @@ from climbplan.climb.transition.motion_data import (
     build_shape,
     find_links_to_separate,
 )
-from climbplan.climb.transition.motion_statement import POINTS, state_motion
+from climbplan.climb.transition.motion_formulation import POINTS, formulate_motion
 from climbplan.climb.transition.planner import plan_transition, search_sequences
 from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.search import SequenceSearch
@@ -30,7 +30,7 @@ from climbplan.climb.transition.stance_forces import SearchTables, solve_stance_
 from climbplan.climb.transition.standing_clearance import compute_standing_clearance
 from climbplan.errors import SpecError, Unresolved
 from climbplan.robots.capsules import limb_capsules
-from climbplan.robots.kinematics import inverse, to_body
+from climbplan.robots.kinematics import solve_inverse_kinematics, to_body
 from climbplan.robots.self_clearance import compute_limb_clearance, list_clearance_pairs
 
 SPECS = Path(__file__).parents[3] / "specs"
@@ -161,7 +161,7 @@ def test_rows_part_two_limbs_by_what_they_have(scene: TransitionScene) -> None:
     """Where the search has them a pair's least row is its capsules' room less what is asked."""
     search, found = search_sequences(scene, FAR)
     moved, beside = found[0].moves, ((0, 1, 2, 1), (1, 2, 3, 1), (0, 2, 3, 2))
-    stated = state_motion(build_shape(scene, len(moved), separate=True, link_pairs=beside))
+    stated = formulate_motion(build_shape(scene, len(moved), separate=True, link_pairs=beside))
     numbers = build_motion_data(
         search.tables, stated, found[0], 1.2, separate=True, link_pairs=beside
     )
@@ -216,7 +216,7 @@ def test_rows_move_the_body_so_that_limbs_do_not_meet() -> None:
         moved, rounds = found[0].moves[1:], motion.rounds
         toes = np.stack([rounds.toes[1:-1], rounds.toes[2:]], axis=1)
         pose = rounds.com[1:-1, None], rounds.rpy[1:-1, None]
-        angles = inverse(tables.scene.robot, to_body(*pose, toes)).best()
+        angles = solve_inverse_kinematics(tables.scene.robot, to_body(*pose, toes)).best()
         there = np.where(moved[:, None, :, None], angles, angles[:, :1])
         links = limb_capsules(tables.scene.robot, there)
         return float(

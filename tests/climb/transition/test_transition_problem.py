@@ -9,11 +9,11 @@ import pytest
 
 from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.schema.transition_loading import load_transition
-from climbplan.climb.transition.complementarity_data import build_free_motion
+from climbplan.climb.transition.complementarity_data import build_complementarity_data
 from climbplan.climb.transition.homotopy import extract_sequence, is_complementary
 from climbplan.climb.transition.motion import plan_motion, read_first_position, read_rounds
 from climbplan.climb.transition.motion_data import build_shape
-from climbplan.climb.transition.motion_statement import compile_motion_program, state_motion
+from climbplan.climb.transition.motion_formulation import compile_motion_program, formulate_motion
 from climbplan.climb.transition.problem import build_motion_problem, build_transition_problem
 from climbplan.climb.transition.round_constraints import COST_SCALE
 from climbplan.climb.transition.scene import build_transition
@@ -45,7 +45,7 @@ def test_the_motion_of_a_sequence_by_methods_of_the_table(method: Method) -> Non
     problem, theta = build_motion_problem(run, search.tables, sequence)
     result = solve_instance(problem, theta, method).result
     assert result.x is not None, result.log
-    stated = state_motion(build_shape(run.scene, 2))
+    stated = formulate_motion(build_shape(run.scene, 2))
     rounds = read_rounds(search.tables, stated, sequence, result.x)
     planned = plan_motion(search.tables, sequence).rounds
     np.testing.assert_allclose(rounds.com, planned.com, atol=1e-4)
@@ -83,7 +83,7 @@ def test_sequences_by_methods_of_the_table_are_carried_through(scene: str, metho
     assert problem.program.counts()["binary"] == 6 * run.scene.spec.task.rounds
     result = solve_instance(problem, theta, method).result
     assert result.x is not None, result.log
-    motion = build_free_motion(run.scene)
+    motion = build_complementarity_data(run.scene)
     assert is_complementary(motion, result.x)
     tables, found = extract_sequence(motion, result.x)
     if method == "pinned":
@@ -97,7 +97,7 @@ def test_what_does_not_complement_is_no_sequence() -> None:
     problem, theta = build_transition_problem(run, search.tables, search.list_sequences()[0])
     x = solve_instance(problem, theta, "pinned").result.x
     assert x is not None
-    motion = build_free_motion(run.scene)
+    motion = build_complementarity_data(run.scene)
     x[motion.program.stated.place("hold")[0, 0]] = 0.5
     assert not is_complementary(motion, x)
 
@@ -107,7 +107,7 @@ def test_a_sequence_that_is_not_carried_through_is_refused() -> None:
     problem, theta = build_transition_problem(run, search.tables, search.list_sequences()[0])
     x = solve_instance(problem, theta, "pinned").result.x
     assert x is not None
-    stated = build_free_motion(run.scene).program.stated
+    stated = build_complementarity_data(run.scene).program.stated
     limb = run.scene.robot.limb_names.index("RM")
     path = x[stated.place("toe")]
     early = x.copy()

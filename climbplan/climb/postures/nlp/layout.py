@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from climbplan.program.layout import MatrixLayout
-from climbplan.robots.stated_limbs import StatedLimbs
+from climbplan.robots.symbolic_limbs import SymbolicLimbs
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class NlpStructure:
     checks_during_round: bool  # workspace balls also while the body moves within a round
     has_com_min: bool  # lower bounds on steps
     has_toe_min: bool
-    kinematics: StatedLimbs
+    kinematics: SymbolicLimbs
 
     @property
     def links(self) -> int:

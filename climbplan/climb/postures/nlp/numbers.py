@@ -21,9 +21,9 @@ from climbplan.climb.postures.nlp.layout import (
     build_variable_layout,
 )
 from climbplan.climb.scene.climb_scene import ClimbScene
-from climbplan.robots.kinematics import inverse, joint_points_body
+from climbplan.robots.kinematics import joint_points_body, solve_inverse_kinematics
 from climbplan.robots.rotations import rotation_world_body
-from climbplan.robots.stated_robot import stated_limbs
+from climbplan.robots.symbolic_robot import build_symbolic_limbs
 from climbplan.terrain.model import FreeRegion
 from climbplan.terrain.solids import Solid
 from climbplan.terrain.surfaces import Region, Tube
@@ -90,7 +90,7 @@ def build_shape(scene: ClimbScene) -> NlpStructure:
         checks_during_round=spec.check_reach_during_round,
         has_com_min=spec.steps.com_min > 0,
         has_toe_min=spec.steps.toe_min > 0,
-        kinematics=stated_limbs(scene.robot),
+        kinematics=build_symbolic_limbs(scene.robot),
     )
 
 
@@ -111,7 +111,7 @@ def _build_numbers(scene: ClimbScene) -> dict[str, Array]:
     steps, wall = spec.steps, scene.terrain.surfaces[0]
     tube = wall if isinstance(wall, Tube) else None
     arrays = {
-        **stated_limbs(robot).values(robot),
+        **build_symbolic_limbs(robot).values(robot),
         "first_joint": robot.shoulder_body.T,
         "stance": robot.stance_body.T,
         "hull": robot.body_hull.T,
@@ -253,7 +253,7 @@ def _evaluate_limbs(scene: ClimbScene, guess: Guess, moment: Moment) -> _LimbSta
             normal = scene.terrain.surfaces[region[j, i]].normal_at(toes[j, i])
             toes[j, i] += scene.spec.trajectory.swing_clearance * normal
     toes_body = np.einsum("mnba,mnb->mna", rotation_world_body(rpy), toes - com)
-    solution = inverse(scene.robot, toes_body)
+    solution = solve_inverse_kinematics(scene.robot, toes_body)
     angles = np.where(solution.valid[..., None], solution.best(), solution.angles[..., 0, :, :])
     return _LimbStates(com, rpy, angles)
 

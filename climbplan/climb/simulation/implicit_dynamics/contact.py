@@ -38,7 +38,7 @@ from climbplan.climb.simulation.implicit_dynamics.surfaces import _project_to_su
 AIR, STICKS, SLIDES, FAILED = 0, 1, 2, 3
 _MAX_SLIDE_STEPS = 4  # Newton steps along the direction of sliding
 _MAX_SLIDE_STEP = 0.03  # [m] longest of these steps
-_STRAIGHT_VOLUME = 0.02  # shear by pull, below which a toe separates without sliding
+_DETACHMENT_SHEAR_RATIO = 0.02  # shear by pull, below which a toe separates without sliding
 _MIN_SLIDE_STIFFNESS = 0.3  # smallest stiffness against sliding, by that at constant pressure
 _POSITION_TOLERANCE = 1e-7  # [m] of a projected contact
 _FRICTION_TOLERANCE = 1e-3  # relative, of a sliding toe's friction
@@ -199,7 +199,7 @@ def _solve_contact(
         tangent1 = force[1] - press * normal[1]
         tangent2 = force[2] - press * normal[2]
         shear = np.sqrt(tangent0**2 + tangent1**2 + tangent2**2)
-        if press <= 0.0 and shear < _STRAIGHT_VOLUME * -press:
+        if press <= 0.0 and shear < _DETACHMENT_SHEAR_RATIO * -press:
             return AIR
         excess = shear - mu * press
         if not has_slid and excess <= 0.0:

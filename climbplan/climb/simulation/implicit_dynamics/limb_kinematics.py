@@ -13,7 +13,7 @@ from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
 from climbplan.climb.simulation.implicit_dynamics.state import JointSprings
 
 BACKLASH_STIFFNESS_RATIO = 0.2  # in the backlash, which is widened accordingly
-_STRAIGHT_VOLUME = 0.02  # Jacobian volume by length^3, below which a toe is compliant
+_MIN_VOLUME_RATIO = 0.02  # Jacobian volume by length^3, below which a toe is compliant
 MAX_JOINT_STEP = 0.15  # [rad] longest Newton step of a joint
 JOINT_TOLERANCE = 5e-5  # [rad] a Newton step after which the next squares the error
 HESSIAN_THRESHOLD = 0.02  # [rad] Newton steps below use second derivatives of the toe
@@ -192,7 +192,7 @@ def _compute_toe_compliance(zero_pose: Array, n: int, volume: float) -> float:
         for a in range(3):
             squared_length += (zero_pose[n + 1 + j, a] - zero_pose[n + j, a]) ** 2
         length += np.sqrt(squared_length)
-    straightness = max(0.0, 1.0 - abs(volume) / (_STRAIGHT_VOLUME * length**3))
+    straightness = max(0.0, 1.0 - abs(volume) / (_MIN_VOLUME_RATIO * length**3))
     return float(MAX_TOE_COMPLIANCE * straightness * straightness)
 
 

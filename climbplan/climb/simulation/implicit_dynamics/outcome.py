@@ -25,7 +25,7 @@ from climbplan.simulation.measures import FALLEN, TUMBLED
     CAUSE,
     CAUSE_LIMB,
     CAUSE_STEP,
-    NUM_SLIPS,
+    MAX_SIMULTANEOUS_SLIPS,
     LOST_CONTACT,
     MAX_DEVIATION,
     LOST_BALANCE,
@@ -113,7 +113,7 @@ def _update_outcome(
                 cause, limb = TOE_SLIDES, i
         elif solution.saturated[i] and cause == NO_CAUSE:
             cause, limb = TORQUE_LIMIT, i
-    row[NUM_SLIPS] = max(row[NUM_SLIPS], num_slips)
+    row[MAX_SIMULTANEOUS_SLIPS] = max(row[MAX_SIMULTANEOUS_SLIPS], num_slips)
     if cause == NO_CAUSE:
         row[CAUSE], row[CAUSE_LIMB] = NO_CAUSE, -1
     elif row[CAUSE] == NO_CAUSE:

@@ -87,12 +87,12 @@ def _solve_redundant_limb(
                 joint_response[j, a] = jacobian[j, a]
         if not _solve_positive_system(hessian, joint_response, joint_step):
             return False
-        damping = 1.0 - penalty * compliance
+        penalty_correction = 1.0 - penalty * compliance
         for a in range(3):
             toe_error[a] = target[a] - toe[a]
-            toe_target[a] = toe_error[a] / damping
+            toe_target[a] = toe_error[a] / penalty_correction
             for b in range(3):
-                toe_compliance[a, b] = compliance / damping if a == b else 0.0
+                toe_compliance[a, b] = compliance / penalty_correction if a == b else 0.0
             for j in range(n):
                 toe_target[a] += jacobian[j, a] * joint_step[j]
                 for b in range(3):
@@ -104,11 +104,11 @@ def _solve_redundant_limb(
             angle_step[j] = _dot(joint_response[j], reaction) - joint_step[j]
             largest_step = max(largest_step, abs(angle_step[j]))
         for a in range(3):
-            force[a] = (reaction[a] - penalty * toe_error[a]) / damping
+            force[a] = (reaction[a] - penalty * toe_error[a]) / penalty_correction
             for b in range(3):
                 contact_stiffness[a, b] = (
-                    contact_stiffness[a, b] / damping - (penalty if a == b else 0.0)
-                ) / damping
+                    contact_stiffness[a, b] / penalty_correction - (penalty if a == b else 0.0)
+                ) / penalty_correction
         scale = 1.0 if largest_step <= MAX_JOINT_STEP else MAX_JOINT_STEP / largest_step
         for j in range(n):
             angles[j] += scale * angle_step[j]

@@ -66,10 +66,10 @@ def _find_first_hit(
         if tube[3] <= end[2] <= tube[4]:
             radius = np.hypot(end[0] - tube[0], end[1] - tube[1])
             if radius > tube[2] - inflation:
-                hit_fraction = np.hypot(start[0] - tube[0], start[1] - tube[1])
+                start_radius = np.hypot(start[0] - tube[0], start[1] - tube[1])
                 fraction = (
-                    (tube[2] - hit_fraction) / (radius - hit_fraction)
-                    if radius > hit_fraction
+                    (tube[2] - start_radius) / (radius - start_radius)
+                    if radius > start_radius
                     else 0.0
                 )
                 return u, TUBE, min(max(fraction, 0.0), 1.0)

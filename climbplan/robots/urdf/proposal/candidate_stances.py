@@ -9,13 +9,13 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.errors import UsageError
-from climbplan.robots.urdf.proposal.braces import (
+from climbplan.robots.urdf.proposal.bracing_grid_search import (
     WALL_CLEARANCE,
     compute_usable_friction,
-    describe_shortage,
+    describe_torque_demand,
 )
 from climbplan.robots.urdf.proposal.flat_foot_stance import search_flat_foot_stances
-from climbplan.robots.urdf.proposal.lift_torque import TorqueShortage
+from climbplan.robots.urdf.proposal.lift_torque import TorqueDemand
 from climbplan.robots.urdf.proposal.postures import (
     LeggedPosture,
     LegModel,
@@ -57,7 +57,7 @@ def find_candidate_stances(robot: PreparedRobot, walls: bool = True) -> Prepared
     if robot.soles is not None:
         stances = _find_flat_foot_stances(robot, robot.soles, select_clear)
         return replace(robot, stances=tuple(stances))
-    shortage = TorqueShortage()
+    demand = TorqueDemand()
     stances = _rank_by_stance_radius(
         legs, select_clear(search_standing_postures(legs, _MAX_CANDIDATES))
     )
@@ -69,7 +69,7 @@ def find_candidate_stances(robot: PreparedRobot, walls: bool = True) -> Prepared
         )
         stances = _rank_by_stance_radius(legs, postures[:_MAX_CANDIDATES])
     if not stances and walls and any(is_arm):
-        postures, shortage = search_wall_supported_stances(
+        postures, demand = search_wall_supported_stances(
             legs,
             np.array(is_arm),
             robot.compute_center,
@@ -80,13 +80,11 @@ def find_candidate_stances(robot: PreparedRobot, walls: bool = True) -> Prepared
         postures = select_clear([replace(posture, friction=FLOOR_FRICTION) for posture in postures])
         stances = _rank_by_stance_radius(legs, postures[:_MAX_CANDIDATES])
     if not stances:
-        raise UsageError(_describe_failure(robot, shortage, select_clear))
+        raise UsageError(_describe_failure(robot, demand, select_clear))
     return replace(robot, stances=tuple(stances))
 
 
-def _describe_failure(
-    robot: PreparedRobot, shortage: TorqueShortage, select_clear: SelectClear
-) -> str:
+def _describe_failure(robot: PreparedRobot, demand: TorqueDemand, select_clear: SelectClear) -> str:
     """Return the message for a robot that stands in no posture."""
     legs, names = robot.legs, robot.naming
     strong = replace(legs, torque=_STRONG_FACTOR * legs.torque)
@@ -94,7 +92,7 @@ def _describe_failure(
     reasons = f"; on level ground{_describe_weak_motor(legs, held_by_strong)}"
     if any(names.is_arm):
         reasons += (
-            f"; standing on its feet with its hands on walls{describe_shortage(legs, shortage)}"
+            f"; standing on its feet with its hands on walls{describe_torque_demand(legs, demand)}"
         )
     reasons += _describe_unequal_ranges(legs)
     return (

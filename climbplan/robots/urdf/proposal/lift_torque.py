@@ -40,7 +40,7 @@ _SHIFT_COST = 2.0  # [1/m] utilisation that a metre of shift has to save
 
 
 @dataclass(frozen=True)
-class TorqueShortage:
+class TorqueDemand:
     """The smallest utilisation that any posture needs, and the joint that limits it."""
 
     utilisation: float = np.nan  # infinite: friction cones do not suffice; NaN: nothing in reach
@@ -81,14 +81,14 @@ class _ForceDistribution(NamedTuple):
     shift: Array  # (2,) [m]
 
 
-def find_overloaded_joint(utilisation: float, stance: BracedStance) -> TorqueShortage:
+def find_overloaded_joint(utilisation: float, stance: BracedStance) -> TorqueDemand:
     """Find the joint that needs the given utilisation when one limb is lifted.
 
     Args:
         utilisation: The largest over all lifts, from `compute_torque_utilisation`.
         stance: The contacts.
     """
-    shortage, max_used = TorqueShortage(utilisation), 0.0
+    demand, max_used = TorqueDemand(utilisation), 0.0
     for standing, solution in _solve_lifts(stance):
         if solution is None:
             continue
@@ -99,8 +99,8 @@ def find_overloaded_joint(utilisation: float, stance: BracedStance) -> TorqueSho
         if fraction[limb, joint] > max_used:
             max_used = float(fraction[limb, joint])
             torque = float(needed[limb, joint])
-            shortage = TorqueShortage(utilisation, standing[limb], joint, torque)
-    return shortage
+            demand = TorqueDemand(utilisation, standing[limb], joint, torque)
+    return demand
 
 
 def _solve_lifts(

@@ -20,7 +20,7 @@ from climbplan.robots.chain_inverse import chain_inverse
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal.lift_torque import (
     BracedStance,
-    TorqueShortage,
+    TorqueDemand,
     compute_torque_utilisation,
     find_overloaded_joint,
 )
@@ -158,7 +158,7 @@ def search_standing_postures(legs: LegModel, count: int) -> list[LeggedPosture]:
 
 def search_bracing_postures(
     legs: LegModel, standing: Array, clearance: float, friction: float
-) -> tuple[list[LeggedPosture], TorqueShortage]:
+) -> tuple[list[LeggedPosture], TorqueDemand]:
     """Search for postures that hold the robot between two walls at equal distances.
 
     Args:
@@ -187,9 +187,9 @@ def search_bracing_postures(
     within = np.abs(quality.points[..., :-1, 0]).max(axis=-1) < half[:, None] - clearance
     feasible = reached & within & are_clear_of_body(legs, quality.points)
     candidates = select_best_postures(quality, angles, toes, feasible, _MAX_FORCE_CHECKS, 2 * half)
-    braces, shortage = _select_holding_braces(replace(legs, chain=chain), candidates, friction)
+    braces, demand = _select_holding_braces(replace(legs, chain=chain), candidates, friction)
     any_feasible = bool(feasible.all(axis=1).any())
-    return braces, shortage if any_feasible else TorqueShortage()
+    return braces, demand if any_feasible else TorqueDemand()
 
 
 def _enumerate_wall_toes(legs: LegModel, clearance: float) -> tuple[Array, Array]:
@@ -212,25 +212,25 @@ def _enumerate_wall_toes(legs: LegModel, clearance: float) -> tuple[Array, Array
 
 def _select_holding_braces(
     legs: LegModel, candidates: list[LeggedPosture], friction: float
-) -> tuple[list[LeggedPosture], TorqueShortage]:
-    """Return candidates that hold with any one leg lifted, best first, and the least shortage."""
+) -> tuple[list[LeggedPosture], TorqueDemand]:
+    """Return candidates that hold with any one leg lifted, best first, and the least demand."""
     normal = legs.build_wall_normals()
     braces: list[LeggedPosture] = []
-    shortage = TorqueShortage(np.inf)
+    demand = TorqueDemand(np.inf)
     for ratio in MAX_SHIFT_RATIOS:
-        if shortage.utilisation <= _WEAK_UTILISATION:
+        if demand.utilisation <= _WEAK_UTILISATION:
             break
         braces, max_shift = [], ratio * float(legs.reach.min())
         for brace in candidates:
             stance = legs.build_stance(brace.angles, brace.toes, normal, friction, max_shift)
             utilisation, shift = compute_torque_utilisation(stance)
-            if utilisation < shortage.utilisation:
-                shortage = TorqueShortage(utilisation)
+            if utilisation < demand.utilisation:
+                demand = TorqueDemand(utilisation)
                 if utilisation >= 1:
-                    shortage = find_overloaded_joint(utilisation, stance)
+                    demand = find_overloaded_joint(utilisation, stance)
             if utilisation < 1:
                 braces.append(rate_brace(brace, utilisation, shift))
-    return sorted(braces, key=lambda brace: -brace.score), shortage
+    return sorted(braces, key=lambda brace: -brace.score), demand
 
 
 def rate_brace(posture: LeggedPosture, utilisation: float, shift: float) -> LeggedPosture:

@@ -17,7 +17,7 @@ from climbplan.robots.self_clearance import compute_limb_clearance, list_clearan
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
 from climbplan.robots.urdf.drives import pad_to_legs
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, build_urdf_model
-from climbplan.robots.urdf.proposal.braces import estimate_full_reach, find_braces
+from climbplan.robots.urdf.proposal.bracing_grid_search import estimate_full_reach, find_braces
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.leg_naming import LegNaming, find_mirrored_legs
 from climbplan.robots.urdf.proposal.motors import GRAVITY, JointMotors, propose_motors
@@ -28,7 +28,7 @@ from climbplan.robots.urdf.proposal.self_collision import (
 )
 from climbplan.robots.urdf.proposal.soles import Soles
 from climbplan.robots.urdf.proposal.toes import Toe
-from climbplan.robots.urdf.proposal.unused_joints import find_unused_joints, lock_unused_joints
+from climbplan.robots.urdf.proposal.unused_joints import choose_locked_angles, find_unused_joints
 from climbplan.robots.urdf.robot_builder import (
     build_chain_at_zero,
     build_robot_from_urdf,
@@ -242,7 +242,7 @@ def prepare_robot(
     if shapes:
         unused = find_unused_joints(tree, set(bounds), set(draft.locked))
         meshed = build_urdf_model(draft.load_robot(meshes=True))
-        if locked := lock_unused_joints(meshed, unused, bounds, hips):
+        if locked := choose_locked_angles(meshed, unused, bounds, hips):
             draft = replace(draft, locked=draft.locked | locked)
             shapes, _ = draft.read_shapes()
     torque = pad_to_legs(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.robots.urdf.proposal.braces import FRICTION_SAFETY, WALL_FRICTIONS
+from climbplan.robots.urdf.proposal.bracing_grid_search import FRICTION_SAFETY, WALL_FRICTIONS
 from climbplan.robots.urdf.proposal.postures import LeggedPosture
 from climbplan.robots.urdf.proposal.prepared_robot import FLOOR_FRICTION, RobotProposal
 from climbplan.robots.urdf.proposal.yaml_format import format_scalar, format_vector

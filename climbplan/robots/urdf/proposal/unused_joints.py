@@ -48,7 +48,7 @@ def find_unused_joints(tree: UrdfTree, legs: set[str], locked: set[str]) -> Join
     return bounds
 
 
-def lock_unused_joints(
+def choose_locked_angles(
     urdf_model: UrdfModel, unused: JointBounds, legs: JointBounds, hips: Array
 ) -> dict[str, float]:
     """Return angles [deg] of unused joints that are in the way at zero; empty where they are not.

@@ -16,13 +16,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.robots.urdf.proposal.generator import (
+from climbplan.robots.urdf.proposal.postures import LeggedPosture
+from climbplan.robots.urdf.proposal.prepared_robot import PreparedRobot, RobotProposal
+from climbplan.robots.urdf.proposal.propose_robot import (
     PRONE_AND_SUPINE_AXES,
     detect_legs,
     prepare_detected_legs,
 )
-from climbplan.robots.urdf.proposal.postures import LeggedPosture
-from climbplan.robots.urdf.proposal.prepared_robot import PreparedRobot, RobotProposal
 from climbplan.robots.urdf.proposal.weight_shift_stance import search_ground_postures
 from climbplan.robots.urdf.toe_boxes import compute_weight_fractions, grow_toe_boxes
 from climbplan.robots.urdf.walking_body import TO_WALKING

@@ -13,7 +13,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.robots.urdf.proposal.lift_torque import (
-    TorqueShortage,
+    TorqueDemand,
     compute_torque_utilisation,
     find_overloaded_joint,
 )
@@ -58,7 +58,7 @@ def search_wall_supported_stances(
     clearance: float,
     friction: float,
     compute_clearance: Callable[[Array], Array] | None = None,
-) -> tuple[list[LeggedPosture], TorqueShortage]:
+) -> tuple[list[LeggedPosture], TorqueDemand]:
     """Search for stances with feet on the ground and hands on walls.
 
     Args:
@@ -88,7 +88,7 @@ def search_wall_supported_stances(
     feasible &= are_clear_of_body(legs, quality.points) & (height > _MIN_LINK_HEIGHT * reach)
     if compute_clearance is not None:
         feasible &= (compute_clearance(angles) > MIN_LIMB_CLEARANCE)[:, None]
-    stances, shortage = [], TorqueShortage(np.inf)
+    stances, demand = [], TorqueDemand(np.inf)
     max_shift = _MAX_SHIFT_RATIO * float(reach.min())
     for posture in select_best_postures(
         quality, angles, toes, feasible, _MAX_FORCE_CHECKS, 2 * half
@@ -96,18 +96,18 @@ def search_wall_supported_stances(
         centred = posture.toes - compute_center(posture.angles)
         stance = legs.build_stance(posture.angles, centred, normal, friction, max_shift)
         utilisation, shift = compute_torque_utilisation(stance)
-        if utilisation < shortage.utilisation:
-            shortage = TorqueShortage(utilisation)
+        if utilisation < demand.utilisation:
+            demand = TorqueDemand(utilisation)
             if utilisation >= 1:
-                shortage = find_overloaded_joint(utilisation, stance)
+                demand = find_overloaded_joint(utilisation, stance)
         if utilisation < 1:
             stances.append(rate_brace(posture, utilisation, shift))
     complete = feasible.all(axis=1)
     if not complete.any():
-        return sorted(stances, key=lambda posture: -posture.score), TorqueShortage()
-    if np.isinf(shortage.utilisation) and not (quality.score[complete].min(axis=1) > 0).any():
-        shortage = _find_weakest_joint(legs, quality, angles, force, complete)
-    return sorted(stances, key=lambda posture: -posture.score), shortage
+        return sorted(stances, key=lambda posture: -posture.score), TorqueDemand()
+    if np.isinf(demand.utilisation) and not (quality.score[complete].min(axis=1) > 0).any():
+        demand = _find_weakest_joint(legs, quality, angles, force, complete)
+    return sorted(stances, key=lambda posture: -posture.score), demand
 
 
 def _enumerate_toes(legs: LegModel, is_arm: BoolArray, clearance: float) -> _ToeGrid:
@@ -133,8 +133,8 @@ def _enumerate_toes(legs: LegModel, is_arm: BoolArray, clearance: float) -> _Toe
 
 def _find_weakest_joint(
     legs: LegModel, quality: PostureQuality, angles: Array, force: Array, complete: BoolArray
-) -> TorqueShortage:
-    """Return the shortage of the best posture where motors are too weak for both feet together.
+) -> TorqueDemand:
+    """Return the demand of the best posture where motors are too weak for both feet together.
 
     complete: (C,) candidates of which all limbs are feasible; at least one is.
     """
@@ -144,4 +144,4 @@ def _find_weakest_joint(
     jacobian = legs.chain.jacobian(angles[complete][best])
     needed = np.abs(np.einsum("nij,ni->nj", jacobian, force))[limb]
     joint = int(np.argmax(needed / legs.torque[limb]))
-    return TorqueShortage(float(utilisation[best, limb]), limb, joint, float(needed[joint]))
+    return TorqueDemand(float(utilisation[best, limb]), limb, joint, float(needed[joint]))

@@ -18,7 +18,7 @@ _MAX_TOE_DISTANCE = 2.0  # [m] of a toe from the body
 
 
 @dataclass(frozen=True)
-class RobotMeasurement:
+class TickInput:
     """The controller's input at a tick: the body's state, its toes, and the recent contacts."""
 
     state: Array  # (12,) position, velocity, Euler angles, angular velocity; world frame
@@ -53,7 +53,7 @@ class RobotMeasurement:
         return self.state[6:8]
 
 
-def detect_fault(measurement: RobotMeasurement, body: RigidBody) -> str:
+def detect_fault(measurement: TickInput, body: RigidBody) -> str:
     """Return why a measurement is implausible or unusable; an empty string if it can be used."""
     arrays = (measurement.state, measurement.toes, measurement.previous_toes)
     legs = body.leg_count

@@ -16,9 +16,9 @@ import casadi as ca
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.robots.kinematics import inverse
+from climbplan.robots.kinematics import solve_inverse_kinematics
 from climbplan.robots.model import Robot
-from climbplan.robots.stated_limbs import Shapes, Tie
+from climbplan.robots.symbolic_limbs import Shapes, Tie
 
 _CUT = 1e-9  # of the cosine of the knee angle
 
@@ -78,7 +78,7 @@ class ClosedFormAtToes:
 
 
 @dataclass(frozen=True)
-class StatedClosedForm:
+class SymbolicClosedForm:
     """N limbs of coxa, femur and tibia."""
 
     limbs: int
@@ -120,7 +120,7 @@ class StatedClosedForm:
 
     def at_toes(self, robot: Robot, toes: Array) -> dict[str, Array]:
         """Return the knee branch in use for toes (..., N, 3); up where neither is."""
-        within = inverse(robot, toes).within_bounds
+        within = solve_inverse_kinematics(robot, toes).within_bounds
         up, down = within[..., 0, :], within[..., 1, :]
         return {"branch": np.where(~up & down, 1.0, -1.0)[..., None]}
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.urdf.proposal.brace_refinement import refine_braces
-from climbplan.robots.urdf.proposal.braces import (
+from climbplan.robots.urdf.proposal.bracing_grid_search import (
     WALL_CLEARANCE,
     WALL_FRICTIONS,
     compute_usable_friction,

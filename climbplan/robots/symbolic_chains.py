@@ -19,10 +19,10 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.chain_pose import RADIAN
-from climbplan.robots.kinematics import inverse
+from climbplan.robots.kinematics import solve_inverse_kinematics
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.stated_limbs import Shapes, Tie
+from climbplan.robots.symbolic_limbs import Shapes, Tie
 
 # Programs meet their rows up to a tolerance, and bodies that rotate between two poses leave the
 # straight line. A toe in reach of a stretched limb alone is then out of reach a moment later. For
@@ -67,7 +67,7 @@ def compute_singularity_measure(columns: list[Any], side: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class StatedPose:
+class SymbolicPose:
     """Chains at given angles, body frame; lists have J entries of (3, N)."""
 
     joints: list[Any]
@@ -100,7 +100,7 @@ def rotate_about_axis(axis: Any, angle: Any, vector: Any) -> Any:
 class ChainsAtToes:
     """N chains with angles that put their toes at points."""
 
-    stated: StatedChains
+    stated: SymbolicChains
     numbers: Mapping[str, Any]
     toes: Any  # (3, N) body frame [m]
     angles: Any  # (J, N) [rad]
@@ -169,7 +169,7 @@ class ChainsAtToes:
 
 
 @dataclass(frozen=True)
-class StatedChains:
+class SymbolicChains:
     """N chains of up to J joints; those that a limb does not have come first and move nothing."""
 
     limbs: int
@@ -243,7 +243,7 @@ class StatedChains:
     def at_toes(self, robot: Robot, toes: Array) -> dict[str, Array]:
         """Return angles for toes (..., N, 3), the nearest there are, and multipliers or signs."""
         chain = _require_chain(robot)
-        angles = inverse(robot, toes).angles[..., 0, :, :]
+        angles = solve_inverse_kinematics(robot, toes).angles[..., 0, :, :]
         if not self.redundant:
             side = np.where(np.linalg.det(chain.jacobian(angles)) < 0, -1.0, 1.0)
             return {"angles": angles, "side": side[..., None]}
@@ -280,7 +280,7 @@ class StatedChains:
         ]
         return torques * (1 - (1 - RADIAN**power) * ca.vertcat(*lengths))
 
-    def columns(self, numbers: Mapping[str, Any], pose: StatedPose) -> list[Any]:
+    def columns(self, numbers: Mapping[str, Any], pose: SymbolicPose) -> list[Any]:
         """Return toe velocities by each angle's speed in its unit (1 rad, or `RADIAN`).
 
         J entries of (3, N).
@@ -291,7 +291,7 @@ class StatedChains:
         ]
         return [ca.vertcat(*(rows[j, :] for rows in scaled)) for j in range(self.joints)]
 
-    def pose(self, numbers: Mapping[str, Any], angles: Any) -> StatedPose:
+    def pose(self, numbers: Mapping[str, Any], angles: Any) -> SymbolicPose:
         """Return the chains for angles (J, N)."""
         n, motion = self.limbs, self.motions(numbers, angles)
         points, axis, slide = (
@@ -315,7 +315,7 @@ class StatedChains:
             axes = [axis[j]] + [rotate_about_axis(axis[j], motion[j, :], a) for a in axes]
             if slide:
                 slides = [slide[j]] + [rotate_about_axis(axis[j], motion[j, :], a) for a in slides]
-        return StatedPose(joints, axes, slides, toe)
+        return SymbolicPose(joints, axes, slides, toe)
 
     def accumulate_masses(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
         """Return by joint the mass fraction (1, N) beyond it, and that times its centre (3, N).

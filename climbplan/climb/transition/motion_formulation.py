@@ -36,7 +36,7 @@ import numpy as np
 from climbplan.climb.postures.nlp.statement import CHORD_FACTOR
 from climbplan.climb.transition.round_constraints import RoundConstraints, repeat_at_points
 from climbplan.program.staged_program import StagedProgram
-from climbplan.robots.stated_limbs import StatedLimbs
+from climbplan.robots.symbolic_limbs import SymbolicLimbs
 from climbplan.solvers.ipopt.staged_program import CompiledStagedProgram, compile_staged_program
 
 CORNERS = 8
@@ -52,7 +52,7 @@ class MotionDimensions:
     """The dimensions of a program."""
 
     rounds: int  # M
-    stated: StatedLimbs
+    stated: SymbolicLimbs
     solids: int  # S
     edges: int  # E, of the surfaces of footholds between
     num_capsules: int = 0  # C capsules of a limb that keep off the body; 0: limbs are not looked at
@@ -125,9 +125,9 @@ class MotionDimensions:
         }
 
 
-def state_motion(shape: MotionDimensions) -> StagedProgram:
+def formulate_motion(shape: MotionDimensions) -> StagedProgram:
     """State the program of a shape."""
-    return _state_round(shape).build_trajectory(shape.rounds, shape.every_round)
+    return _formulate_round(shape).build_trajectory(shape.rounds, shape.every_round)
 
 
 @lru_cache(maxsize=8)
@@ -141,10 +141,10 @@ def compile_motion_program(shape: MotionDimensions) -> CompiledStagedProgram:
         "mu_strategy": "monotone",
         "bound_relax_factor": 0.0,
     }
-    return compile_staged_program(state_motion(shape), settings, expand=True)
+    return compile_staged_program(formulate_motion(shape), settings, expand=True)
 
 
-def _state_round(shape: MotionDimensions) -> RoundConstraints:
+def _formulate_round(shape: MotionDimensions) -> RoundConstraints:
     """State one round between two poses."""
     rows = RoundConstraints(
         "transition", shape.stated, shape.variables, {**shape.every_round, **shape.common}

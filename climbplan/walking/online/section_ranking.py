@@ -157,7 +157,7 @@ def cluster_sections(library: SectionLibrary, seed: int) -> IntArray:
     return cluster[nearest]
 
 
-def train_strategy(name: StrategyName, library: SectionLibrary, seed: int) -> Ranking:
+def train_section_ranking(name: StrategyName, library: SectionLibrary, seed: int) -> Ranking:
     """Train the ranking of a name on a library; "knn" needs no training."""
     if name == "knn" or not len(library):
         return NearestNeighbours(library)

@@ -11,7 +11,7 @@ from climbplan.arrays import Array
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal.brace_refinement import refine_braces
-from climbplan.robots.urdf.proposal.lift_torque import TorqueShortage
+from climbplan.robots.urdf.proposal.lift_torque import TorqueDemand
 from climbplan.robots.urdf.proposal.postures import (
     MAX_SHIFT_RATIOS,
     LeggedPosture,
@@ -68,9 +68,9 @@ def find_braces(
     failure = ""
     for friction in WALL_FRICTIONS:
         usable = compute_usable_friction(friction)
-        candidates, shortage = search_bracing_postures(legs, chain.posture, WALL_CLEARANCE, usable)
-        failure = f", on walls of friction {friction:g}{describe_shortage(legs, shortage)}"
-        is_weak = shortage.utilisation > _REFINE_ABOVE
+        candidates, demand = search_bracing_postures(legs, chain.posture, WALL_CLEARANCE, usable)
+        failure = f", on walls of friction {friction:g}{describe_torque_demand(legs, demand)}"
+        is_weak = demand.utilisation > _REFINE_ABOVE
         considered = candidates[: None if is_weak else _MAX_BRACES]
         selected = clear = [brace for brace in considered if is_collision_free(brace)]
         if is_weak and clear:
@@ -99,18 +99,18 @@ def estimate_full_reach(chain: SerialChain, lower: Array, upper: Array) -> Array
     return estimate_reach(chain, low, high) / _REACH_RATIO
 
 
-def describe_shortage(legs: LegModel, shortage: TorqueShortage) -> str:
+def describe_torque_demand(legs: LegModel, demand: TorqueDemand) -> str:
     """Return the end of a sentence on why no posture holds with any one limb lifted."""
-    if np.isnan(shortage.utilisation):
+    if np.isnan(demand.utilisation):
         return " no posture is in reach, clear of the body"
-    if np.isinf(shortage.utilisation):
+    if np.isinf(demand.utilisation):
         return (
             " no posture of those looked at, limbs bent as it stands, holds its weight within the "
             "friction cones"
         )
-    name = legs.chain.names[shortage.limb][shortage.joint]
-    limit = float(legs.torque[shortage.limb, shortage.joint])
+    name = legs.chain.names[demand.limb][demand.joint]
+    limit = float(legs.torque[demand.limb, demand.joint])
     return (
-        f" the motors need {shortage.utilisation:.2g} times their torque limits with any one limb "
-        f"lifted: {name} {shortage.torque:.3g} N m, and has {limit:.3g} N m"
+        f" the motors need {demand.utilisation:.2g} times their torque limits with any one limb "
+        f"lifted: {name} {demand.torque:.3g} N m, and has {limit:.3g} N m"
     )

@@ -2,9 +2,9 @@
 
 A program has the toes of N limbs as expressions in the body frame. It needs joint angles there,
 torques of forces, and where toes would be with joints elsewhere. A mechanism with closed-form
-inverse kinematics has functions of the toes (`stated_closed_form.py`). Others have angles as
-variables of the program and rows that tie them to the toes (`stated_chains.py`). Matrices have one
-column a limb. The structure of a program is hashable; everything else is a number.
+inverse kinematics has functions of the toes (`symbolic_closed_form.py`). Others have angles as
+variables of the program and rows that tie them to the toes (`symbolic_chains.py`). Matrices have
+one column a limb. The structure of a program is hashable; everything else is a number.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class StandingLimbs(Protocol):
         """Return toes (3, N) in free space, body frame, with joints back by `deflection` (J, N)."""
 
 
-class StatedLimbs(Protocol):
+class SymbolicLimbs(Protocol):
     """N limbs with J joints each, as programs are built for."""
 
     @property

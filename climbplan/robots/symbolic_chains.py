@@ -100,7 +100,7 @@ def rotate_about_axis(axis: Any, angle: Any, vector: Any) -> Any:
 class ChainsAtToes:
     """N chains with angles that put their toes at points."""
 
-    stated: SymbolicChains
+    chains: SymbolicChains
     numbers: Mapping[str, Any]
     toes: Any  # (3, N) body frame [m]
     angles: Any  # (J, N) [rad]
@@ -112,35 +112,35 @@ class ChainsAtToes:
 
         Joint bounds are those of variables.
         """
-        pose = self.stated.pose(self.numbers, self.angles)
+        pose = self.chains.pose(self.numbers, self.angles)
         ties = [Tie("kinematics.toes", pose.toe - self.toes, "m", 0.0, 0.0)]
         if margin > 0:
             measure = compute_singularity_measure(
-                self.stated.columns(self.numbers, pose), self.side
+                self.chains.columns(self.numbers, pose), self.side
             )
             ties.append(
                 Tie("transition.reach", measure, "", compute_min_singularity_measure(margin))
             )
         if self.pull is not None:
-            scaled = self.stated.scale_by_unit(self.numbers, self.torques(self.pull))
+            scaled = self.chains.scale_by_unit(self.numbers, self.torques(self.pull))
             residual = self.angles - self.numbers["posture"] - scaled
             ties.append(Tie("kinematics.settled", residual, "rad", 0.0, 0.0))
         return ties
 
     def torques(self, force: Any, moment: Any = None) -> Any:
         """Return joint torques (J, N) of forces and moments (3, N) at the toes, body frame."""
-        pose = self.stated.pose(self.numbers, self.angles)
+        pose = self.chains.pose(self.numbers, self.angles)
         torques = [ca.sum1(arm * force) for arm in pose.arms]
         if moment is not None:
             turning = zip(torques, pose.axes, strict=True)
             torques = [torque + ca.sum1(axis * moment) for torque, axis in turning]
-        return self.stated.map_to_angles(self.numbers, ca.vertcat(*torques))
+        return self.chains.map_to_angles(self.numbers, ca.vertcat(*torques))
 
     def centre(self) -> Any:
         """Return the robot's centre of mass (3, 1), body frame [m]; None if limbs weigh nothing."""
-        if not self.stated.has_mass:
+        if not self.chains.has_mass:
             return None
-        carried = self.stated.accumulate_masses(self.numbers, self.angles)
+        carried = self.chains.accumulate_masses(self.numbers, self.angles)
         return ca.sum2(carried[0][1]) + self.numbers["body_middle"]
 
     def weight_torques(self, down: Any) -> Any:
@@ -148,24 +148,24 @@ class ChainsAtToes:
 
         Body frame [m]; None where limbs weigh nothing.
         """
-        if not self.stated.has_mass:
+        if not self.chains.has_mass:
             return None
-        pose = self.stated.pose(self.numbers, self.angles)
-        pull = ca.repmat(down, 1, self.stated.limbs)
+        pose = self.chains.pose(self.numbers, self.angles)
+        pull = ca.repmat(down, 1, self.chains.limbs)
         torques = []
         for j, (mass, moment) in enumerate(
-            self.stated.accumulate_masses(self.numbers, self.angles)
+            self.chains.accumulate_masses(self.numbers, self.angles)
         ):
             weight_of_three = ca.repmat(mass, 3, 1)
             arm = ca.cross(pose.axes[j], moment - weight_of_three * pose.joints[j])
             torques.append(
                 ca.sum1((arm + weight_of_three * pose.slides[j] if pose.slides else arm) * pull)
             )
-        return self.stated.map_to_angles(self.numbers, ca.vertcat(*torques))
+        return self.chains.map_to_angles(self.numbers, ca.vertcat(*torques))
 
     def free_toes(self, deflection: Any) -> Any:
         """Return toes (3, N) in free space, body frame, with joints back by `deflection` (J, N)."""
-        return self.stated.points(self.numbers, self.angles - deflection)[-1]
+        return self.chains.points(self.numbers, self.angles - deflection)[-1]
 
 
 @dataclass(frozen=True)

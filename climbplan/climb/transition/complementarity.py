@@ -65,7 +65,7 @@ class ComplementarityDimensions:
     """The dimensions of a program."""
 
     rounds: int  # M
-    stated: SymbolicLimbs
+    kinematics: SymbolicLimbs
     surfaces: int  # S, that each limb may use
     edges: int  # E of the surfaces that do not bound the room, 0 if all do
     solids: int  # B that toes keep out of
@@ -74,7 +74,7 @@ class ComplementarityDimensions:
     @property
     def limbs(self) -> int:
         """Number N of limbs."""
-        return self.stated.limbs
+        return self.kinematics.limbs
 
     @property
     def variables(self) -> dict[str, tuple[int, int]]:
@@ -87,7 +87,7 @@ class ComplementarityDimensions:
             "hold": (1, n),  # u
             "face_weight": (self.faces, n * self.solids),  # g
             "s": (1, 1),
-            **repeat_at_points(self.stated.variable_shapes, POINTS),
+            **repeat_at_points(self.kinematics.variable_shapes, POINTS),
         }
 
     @property
@@ -104,7 +104,7 @@ class ComplementarityDimensions:
             "face_end": (1, self.solids * self.faces),
             "mu": (1, num_pairs),
             "load": (6, 1),
-            **repeat_at_points(self.stated.parameter_shapes, POINTS),
+            **repeat_at_points(self.kinematics.parameter_shapes, POINTS),
         }
 
 
@@ -117,7 +117,7 @@ class ComplementarityProgram:
 
     shape: ComplementarityDimensions
     penalised: CompiledStagedProgram
-    stated: StagedProgram  # pairs and binaries as rows
+    formulation: StagedProgram  # pairs and binaries as rows
     rows: Any  # function (v, p) of the latter
 
 
@@ -131,11 +131,11 @@ def compile_complementarity_program(shape: ComplementarityDimensions) -> Complem
         "acceptable_tol": 1e-3,
         "mu_strategy": "adaptive",
     }
-    stated = formulate_complementarity(shape)
-    stated.relax(COMPLEMENTS)
+    formulation = formulate_complementarity(shape)
+    formulation.relax(COMPLEMENTS)
     penalised = compile_staged_program(_state(shape, penalised=True), settings, expand=True)
-    rows = ca.Function("rows", [stated.x, stated.p], [stated.rows])
-    return ComplementarityProgram(shape, penalised, stated, rows)
+    rows = ca.Function("rows", [formulation.x, formulation.p], [formulation.rows])
+    return ComplementarityProgram(shape, penalised, formulation, rows)
 
 
 def formulate_complementarity(shape: ComplementarityDimensions) -> StagedProgram:
@@ -146,7 +146,7 @@ def formulate_complementarity(shape: ComplementarityDimensions) -> StagedProgram
 def _state(shape: ComplementarityDimensions, penalised: bool) -> StagedProgram:
     """State the program; penalised: products, also of binaries, cost with the weight "penalty"."""
     numbers = {**shape.numbers, **({"penalty": (1, 1)} if penalised else {})}
-    rows = RoundConstraints("complementarity", shape.stated, shape.variables, numbers)
+    rows = RoundConstraints("complementarity", shape.kinematics, shape.variables, numbers)
     pairs = _formulate_round(shape, rows)
     if penalised:
         hold = rows.symbols["hold"]

@@ -54,13 +54,15 @@ class ComplementarityData:
         """The dimensions of the program."""
         return self.program.shape
 
-    def bounds(self, stated: StagedProgram) -> Bounds:
+    def bounds(self, formulation: StagedProgram) -> Bounds:
         """Return the bounds of variables, and of the constraints of one of the statements."""
-        return Bounds(self.lower, self.upper, *_build_row_bounds(self.scene, stated, self.surfaces))
+        return Bounds(
+            self.lower, self.upper, *_build_row_bounds(self.scene, formulation, self.surfaces)
+        )
 
     def value(self, name: str, v: Array) -> Array:
         """Return the variables of a point by name: (M, N, 3) toes, otherwise (M, d)."""
-        values: Array = v[self.program.stated.place(name)]
+        values: Array = v[self.program.formulation.place(name)]
         return values.reshape(len(values), -1, 3) if name == "toe" else values
 
 
@@ -114,7 +116,7 @@ def _build_shape(scene: TransitionScene, surfaces: IntArray) -> ComplementarityD
     polygons = not _find_bounding_surfaces(scene).all()
     return ComplementarityDimensions(
         rounds=scene.spec.task.rounds,
-        stated=build_symbolic_limbs(scene.robot),
+        kinematics=build_symbolic_limbs(scene.robot),
         surfaces=surfaces.shape[1],
         edges=max((len(r.b) for r in _require_regions(scene)), default=0) if polygons else 0,
         solids=len(solids),
@@ -130,7 +132,7 @@ def _build_parameters(
     edges = [_pad_rows(r.A, r.b, shape.edges) for r in surfaces_used]
     faces = [_pad_rows(s.A, s.b, shape.faces) for s in _list_solids(scene)]
     start = to_body(scene.start.com, scene.start.rpy, scene.start.toes)
-    toe_values = shape.stated.at_toes(scene.robot, start)
+    toe_values = shape.kinematics.at_toes(scene.robot, start)
     parameters = {
         # rows of the frame are the columns of the program
         "axes": np.array([contact_frame(r.normal).axes for r in surfaces_used]),
@@ -145,7 +147,7 @@ def _build_parameters(
         # Limbs stay bent as they are at the start
         **{
             name: np.tile(toe_values[name].ravel(), POINTS)
-            for name in shape.stated.parameter_shapes
+            for name in shape.kinematics.parameter_shapes
         },
     }
     return {**build_robot_parameters(scene, scene.start.toes), **convert_to_columns(parameters)}
@@ -190,23 +192,23 @@ def _build_variable_bounds(
         "face_weight": (0.0, 1.0),
         "s": (0.0, max_torque_use),
     }
-    if "angles" in program.shape.stated.variable_shapes:
+    if "angles" in program.shape.kinematics.variable_shapes:
         low_angle, high_angle = compute_joint_limits(scene.robot, _JOINT_ROOM)
         limits["angles"] = np.tile(low_angle.ravel(), POINTS), np.tile(high_angle.ravel(), POINTS)
-    if "pull" in program.shape.stated.variable_shapes:
+    if "pull" in program.shape.kinematics.variable_shapes:
         limits["pull"] = -np.inf, np.inf
-    point = program.stated.point
+    point = program.formulation.point
     return point({k: b[0] for k, b in limits.items()}), point({k: b[1] for k, b in limits.items()})
 
 
 def _build_row_bounds(
-    scene: TransitionScene, stated: StagedProgram, surfaces: IntArray
+    scene: TransitionScene, formulation: StagedProgram, surfaces: IntArray
 ) -> tuple[Array, Array]:
     """Build the bounds of a statement's constraints, the same in each round."""
     in_front = np.where(_find_bounding_surfaces(scene)[surfaces.ravel()], -_IN_FRONT, -np.inf)
     joints = build_joint_row_bounds(scene.robot, _JOINT_ROOM, POINTS)
-    rows = {"transition.joints": joints} if "transition.joints" in stated.sizes() else {}
-    return stated.bounded(
+    rows = {"transition.joints": joints} if "transition.joints" in formulation.sizes() else {}
+    return formulation.bounded(
         {
             **rows,
             "contact.distance": (in_front, np.inf),

@@ -104,9 +104,9 @@ def _run_homotopy(
 ) -> tuple[Array, int, bool]:
     """Run a homotopy; return its end, IPOPT's iterations, and whether that is complementary."""
     program, iterations = motion.program.penalised, 0
-    bounds = motion.bounds(program.stated)
+    bounds = motion.bounds(program.formulation)
     for penalty in penalties:
-        p = program.stated.theta(motion.parameters | {"penalty": penalty})
+        p = program.formulation.theta(motion.parameters | {"penalty": penalty})
         point = program.solver.solve(v, p, bounds, deadline)
         v = np.clip(point.v, motion.lower, motion.upper)
         iterations += point.iterations
@@ -115,10 +115,10 @@ def _run_homotopy(
 
 def is_complementary(motion: ComplementarityData, v: Array) -> bool:
     """Return whether all pairs of a point are complementary and all other constraints hold."""
-    stated = motion.program.stated
-    rows = np.array(motion.program.rows(v, stated.theta(motion.parameters))).ravel()
-    bounds = motion.bounds(stated)
-    residuals = stated.residuals(rows, (bounds.row_lower, bounds.row_upper))
+    formulation = motion.program.formulation
+    rows = np.array(motion.program.rows(v, formulation.theta(motion.parameters))).ravel()
+    bounds = motion.bounds(formulation)
+    residuals = formulation.residuals(rows, (bounds.row_lower, bounds.row_upper))
     return all(block.residual <= _FEASIBILITY_TOLERANCE for block in residuals)
 
 
@@ -138,7 +138,7 @@ def _draw_start(motion: ComplementarityData, rng: np.random.Generator) -> Array:
         toe[j] += _NOISE * rng.uniform(-1, 1, (n, 3))
         force[j, :, 0] = rng.uniform(0.0, 0.5, n * shape.surfaces)
         hold[j] = rng.uniform(0.2, 0.8, n)
-    return motion.program.stated.point(
+    return motion.program.formulation.point(
         {
             "pose": pose,
             "toe": toe.reshape(m, -1),
@@ -217,7 +217,7 @@ def _place_on_path(
     moves: BoolArray,
 ) -> Array:
     """Place the toes of a point on footholds (M, N); standing limbs press, moving ones do not."""
-    shape, stated = motion.shape, motion.program.stated
+    shape, formulation = motion.shape, motion.program.formulation
     limb = np.arange(shape.limbs)
     region = np.vstack([motion.scene.start.region, footholds.region[limb, path]])[:-1]
     force = np.zeros((shape.rounds, shape.limbs, shape.surfaces, 3))
@@ -227,13 +227,13 @@ def _place_on_path(
     )
     point = v.copy()
     toes = footholds.toe[limb, path]
-    point[stated.place("toe")] = toes.reshape(shape.rounds, -1)
+    point[formulation.place("toe")] = toes.reshape(shape.rounds, -1)
     for name, value in compute_dependent_variables(
         motion.scene, motion.value("pose", v), toes
     ).items():
-        point[stated.place(name)] = value
-    point[stated.place("hold")] = np.where(moves, 0.05, 0.95)
-    point[stated.place("force")] = force.reshape(shape.rounds, -1)
+        point[formulation.place(name)] = value
+    point[formulation.place("hold")] = np.where(moves, 0.05, 0.95)
+    point[formulation.place("force")] = force.reshape(shape.rounds, -1)
     return point
 
 

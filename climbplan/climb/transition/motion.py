@@ -72,11 +72,11 @@ def plan_motion(
     rounds = len(sequence.states) - 1
     link_pairs = find_links_to_separate(tables, sequence, colliding_motion) if separate else ()
     program = compile_motion_program(build_shape(scene, rounds, separate, link_pairs))
-    stated = program.stated
+    formulation = program.formulation
     min_safety_torque = scene.spec.force.safety_torque if safety_torque is None else safety_torque
     numbers = build_motion_data(
         tables,
-        stated,
+        formulation,
         sequence,
         min_safety_torque,
         margin_fraction,
@@ -84,28 +84,28 @@ def plan_motion(
         link_pairs,
         joint_margin,
     )
-    bounds, p = numbers.bounds, stated.theta(numbers.parameters)
+    bounds, p = numbers.bounds, formulation.theta(numbers.parameters)
     deadline = time.monotonic() + scene.spec.solver.time_limit
     point = program.solver.solve(numbers.start, p, bounds, deadline)
     v = np.clip(point.v, bounds.lower, bounds.upper)
     rows = program.solver.rows(v, p)
-    residuals = stated.residuals(rows, (bounds.row_lower, bounds.row_upper))
+    residuals = formulation.residuals(rows, (bounds.row_lower, bounds.row_upper))
     worst = max(residuals, key=lambda block: block.residual)
-    number = worst.index[0] // (stated.sizes()[worst.name] // rounds) + 1
+    number = worst.index[0] // (formulation.sizes()[worst.name] // rounds) + 1
     return TransitionMotion(
-        rounds=read_rounds(tables, stated, sequence, v),
-        first_position=read_first_position(stated, v),
+        rounds=read_rounds(tables, formulation, sequence, v),
+        first_position=read_first_position(formulation, v),
         violation=worst.residual,
         block=f"round {number}, {worst.name}",
         iterations=point.iterations,
         seconds=time.perf_counter() - begin,
         status=point.word,
-        safety_torque=(1 - MARGIN) / max(float(v[stated.place("s")].max()), 1e-12),
+        safety_torque=(1 - MARGIN) / max(float(v[formulation.place("s")].max()), 1e-12),
     )
 
 
 def read_rounds(
-    tables: SearchTables, stated: StagedProgram, sequence: ContactSequence, v: Array
+    tables: SearchTables, formulation: StagedProgram, sequence: ContactSequence, v: Array
 ) -> Rounds:
     """Read the postures of a point of the program, with toes exactly on their surfaces.
 
@@ -114,9 +114,9 @@ def read_rounds(
     scene, limb = tables.scene, np.arange(tables.scene.robot.limb_count)
     states = np.array(sequence.states)
     toes, region = get_toes(tables, sequence), tables.footholds.region[limb, states]
-    pose = np.vstack([v[stated.place("pose")], np.append(scene.goal.com, scene.goal.rpy)])
+    pose = np.vstack([v[formulation.place("pose")], np.append(scene.goal.com, scene.goal.rpy)])
     pose[0, :3] = scene.start.com
-    toe_values = v[stated.place("toe")].reshape(-1, len(limb), 3)
+    toe_values = v[formulation.place("toe")].reshape(-1, len(limb), 3)
     for j, i in np.argwhere(find_free_footholds(sequence)):  # never in the start posture
         is_standing = states[j - 1, i] == states[j, i]
         surface = scene.terrain.surfaces[region[j, i]]
@@ -124,6 +124,6 @@ def read_rounds(
     return Rounds(pose[:, :3], pose[:, 3:], toes, region)
 
 
-def read_first_position(stated: StagedProgram, v: Array) -> Array:
+def read_first_position(formulation: StagedProgram, v: Array) -> Array:
     """Read the position (3,) of the body at the first lift, at a point of the program [m]."""
-    return np.asarray(v[stated.place("pose")][0, :3])
+    return np.asarray(v[formulation.place("pose")][0, :3])

@@ -69,7 +69,7 @@ def build_shape(
         num_capsules=num_capsules if separate else 0,
         link_pairs=link_pairs if separate else (),
         rounds=rounds,
-        stated=build_symbolic_limbs(scene.robot),
+        kinematics=build_symbolic_limbs(scene.robot),
         solids=len(scene.terrain.solids),
         edges=max(len(s.b) for s in scene.terrain.surfaces if isinstance(s, Region)),
     )
@@ -126,7 +126,7 @@ def compute_force_margins(scene: TransitionScene, margin_fraction: float) -> For
 
 def build_motion_data(
     tables: SearchTables,
-    stated: StagedProgram,
+    formulation: StagedProgram,
     sequence: ContactSequence,
     safety_torque: float,
     margin_fraction: float = 0.0,
@@ -138,7 +138,7 @@ def build_motion_data(
 
     Args:
         tables: Footholds and poses of the search.
-        stated: The motion program.
+        formulation: The motion program.
         sequence: The contact sequence.
         safety_torque: Smallest S_tau.
         margin_fraction: Fraction of the spec's margins.
@@ -194,11 +194,11 @@ def build_motion_data(
         )
     return MotionData(
         _build_parameters(tables, sequence, margins, toe_parameters),
-        stated.point(start),
+        formulation.point(start),
         Bounds(
-            stated.point(lower),
-            stated.point(upper),
-            *_build_row_bounds(scene, stated, sequence, margins, joint_margin),
+            formulation.point(lower),
+            formulation.point(upper),
+            *_build_row_bounds(scene, formulation, sequence, margins, joint_margin),
         ),
     )
 
@@ -313,7 +313,7 @@ def _build_parameters(
 
 def _build_row_bounds(
     scene: TransitionScene,
-    stated: StagedProgram,
+    formulation: StagedProgram,
     sequence: ContactSequence,
     margins: ForceMargins,
     joint_margin: float,
@@ -328,7 +328,7 @@ def _build_row_bounds(
     m, n = moves.shape
     is_free = _find_free_poses(scene, m)
     stands, is_checked = ~moves, is_free | (np.arange(m) + 1 < m)[:, None]
-    check, sizes = _find_checked_toes(scene, sequence).reshape(m, POINTS * n), stated.sizes()
+    check, sizes = _find_checked_toes(scene, sequence).reshape(m, POINTS * n), formulation.sizes()
     joints = robot.joint_count
     steps = spec.posture.steps
     max_rotation = np.deg2rad(steps.rotation_max_deg)
@@ -359,4 +359,4 @@ def _build_row_bounds(
         "steps.rotation": is_checked,
         "body.clearance": is_free,
     }
-    return stated.bounded(row_bounds, holds)
+    return formulation.bounded(row_bounds, holds)

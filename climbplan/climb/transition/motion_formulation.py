@@ -52,7 +52,7 @@ class MotionDimensions:
     """The dimensions of a program."""
 
     rounds: int  # M
-    stated: SymbolicLimbs
+    kinematics: SymbolicLimbs
     solids: int  # S
     edges: int  # E, of the surfaces of footholds between
     num_capsules: int = 0  # C capsules of a limb that keep off the body; 0: limbs are not looked at
@@ -62,7 +62,7 @@ class MotionDimensions:
     @property
     def limbs(self) -> int:
         """Number N of limbs."""
-        return self.stated.limbs
+        return self.kinematics.limbs
 
     @property
     def variables(self) -> dict[str, tuple[int, int]]:
@@ -70,7 +70,7 @@ class MotionDimensions:
         n = self.limbs
         shapes = {"pose": (6, 1), "toe": (3, n), "force": (3, n), "s": (1, 1)}
         # With the toe old, new, hovering over both
-        return shapes | repeat_at_points(self.stated.variable_shapes, POINTS)
+        return shapes | repeat_at_points(self.kinematics.variable_shapes, POINTS)
 
     @property
     def every_round(self) -> dict[str, tuple[int, int]]:
@@ -80,7 +80,7 @@ class MotionDimensions:
             "normal_old": (3, n),
             "normal_new": (3, n),
             "mu": (1, n),  # mu / S_mu of the surface under each limb, 0 for those that move
-            **repeat_at_points(self.stated.parameter_shapes, POINTS),
+            **repeat_at_points(self.kinematics.parameter_shapes, POINTS),
             "edge_row": (3, n * self.edges),  # of each toe's new surface
             "edge_end": (1, n * self.edges),
             "plane": (1, n),  # offset of the new surface
@@ -95,7 +95,7 @@ class MotionDimensions:
         """Shapes of faces that joints (world frame) and links (body frame) stay beyond."""
         if not self.num_capsules:
             return {}
-        joints = POINTS * self.solids * (self.stated.joints - 1) * self.limbs
+        joints = POINTS * self.solids * (self.kinematics.joints - 1) * self.limbs
         links = POINTS * self.num_capsules * self.limbs
         return {
             "joint_face": (3, joints),
@@ -147,7 +147,7 @@ def compile_motion_program(shape: MotionDimensions) -> CompiledStagedProgram:
 def _formulate_round(shape: MotionDimensions) -> RoundConstraints:
     """State one round between two poses."""
     rows = RoundConstraints(
-        "transition", shape.stated, shape.variables, {**shape.every_round, **shape.common}
+        "transition", shape.kinematics, shape.variables, {**shape.every_round, **shape.common}
     )
     stage, s = rows.stage, rows.symbols
     old, new, force = s["toe_before"], s["toe"], s["force"]
@@ -198,7 +198,7 @@ def _add_separation(shape: MotionDimensions, rows: RoundConstraints, angles: lis
     terrain_distance, body_distance, limb_distance = [], [], []
     standing_links: list[tuple[Any, Any]] = []  # links of limbs that do not move in the round
     for k, joint_angles in enumerate(angles):
-        joints = shape.stated.points(s, joint_angles)[1:-1]
+        joints = shape.kinematics.points(s, joint_angles)[1:-1]
         world = [rows.transform_to_world(point) for point in joints]
         for solid in range(shape.solids):
             for j, point in enumerate(world):
@@ -207,7 +207,7 @@ def _add_separation(shape: MotionDimensions, rows: RoundConstraints, angles: lis
                     s[name][:, column : column + n] for name in ("joint_face", "joint_end")
                 )
                 terrain_distance.append(ca.sum1(face * point) - end)
-        links = shape.stated.pieces(s, joint_angles)
+        links = shape.kinematics.pieces(s, joint_angles)
         for c, ends in enumerate(links):
             column = (k * shape.num_capsules + c) * n
             face, end = (s[name][:, column : column + n] for name in ("link_face", "link_end"))

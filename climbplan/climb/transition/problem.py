@@ -75,22 +75,22 @@ def build_motion_problem(
 ) -> ParametrisedProblem:
     """Build the motion problem of a sequence; `read_rounds` reads a solution."""
     scene = run.scene
-    stated = formulate_motion(build_shape(scene, len(sequence.states) - 1))
-    numbers = build_motion_data(tables, stated, sequence, scene.spec.force.safety_torque)
+    formulation = formulate_motion(build_shape(scene, len(sequence.states) - 1))
+    numbers = build_motion_data(tables, formulation, sequence, scene.spec.force.safety_torque)
 
     def check(theta: object, values: Values) -> dict[str, float]:
         with run.clock.stage("motion"):
             v = np.concatenate(list(values.values()))
-            rounds = read_rounds(tables, stated, sequence, v)
+            rounds = read_rounds(tables, formulation, sequence, v)
         try:
             _, verification = verify_motion(
-                run, rounds, sequence.moves, read_first_position(stated, v)
+                run, rounds, sequence.moves, read_first_position(formulation, v)
             )
         except NoPlanFound as error:
             return {" ".join(str(error).split()): 1.0}
         return {c.name: 0.0 if c.passed else c.residual - c.limit for c in verification.checks}
 
-    return _build_problem(stated, numbers.parameters, numbers.start, numbers.bounds, check)
+    return _build_problem(formulation, numbers.parameters, numbers.start, numbers.bounds, check)
 
 
 def build_transition_problem(
@@ -101,7 +101,7 @@ def build_transition_problem(
     `extract_sequence` reads a solution. Raises TypeError for surfaces that are not flat.
     """
     motion = build_complementarity_data(run.scene)
-    stated = formulate_complementarity(motion.shape)
+    formulation = formulate_complementarity(motion.shape)
     start = np.clip(_build_start_point(motion, tables, sequence), motion.lower, motion.upper)
 
     def check(theta: object, values: Values) -> dict[str, float]:
@@ -113,17 +113,19 @@ def build_transition_problem(
         attempt = plan_and_verify_sequence(run, found_tables, sequence_found)
         return {attempt.reason or "carried_through": float(attempt.motion is None)}
 
-    return _build_problem(stated, motion.parameters, start, motion.bounds(stated), check)
+    return _build_problem(formulation, motion.parameters, start, motion.bounds(formulation), check)
 
 
 def _build_problem(
-    stated: StagedProgram,
+    formulation: StagedProgram,
     parameters: dict[str, Array],
     start: Array,
     bounds: Bounds,
     check: Callable[[object, Values], dict[str, float]],
 ) -> ParametrisedProblem:
-    program = stated.program((bounds.row_lower, bounds.row_upper), (bounds.lower, bounds.upper))
+    program = formulation.program(
+        (bounds.row_lower, bounds.row_upper), (bounds.lower, bounds.upper)
+    )
     guess = {name: program.value(name, start) for name in program.variables}
     return Problem("transition", program, start=lambda theta: guess, check=check), parameters
 
@@ -149,7 +151,7 @@ def _build_start_point(
     face_distance = np.einsum("bfk,mnk->mnbf", rows, toe) - ends
     active_faces = face_distance == face_distance.max(axis=-1, keepdims=True, initial=-np.inf)
     pose = np.concatenate([tables.poses.com[poses], tables.poses.rpy[poses]], axis=1)
-    return motion.program.stated.point(
+    return motion.program.formulation.point(
         {
             "pose": pose,
             **compute_dependent_variables(scene, pose, toe),

@@ -52,23 +52,23 @@ class RoundConstraints:
     """A stage between two poses, with its symbols by name; matrices have one column per limb."""
 
     def __init__(
-        self, name: str, stated: SymbolicLimbs, variables: Shapes, numbers: Shapes
+        self, name: str, kinematics: SymbolicLimbs, variables: Shapes, numbers: Shapes
     ) -> None:
         """Create the symbols of a round.
 
         Args:
             name: Name of the stage.
-            stated: Kinematics of the limbs.
+            kinematics: Kinematics of the limbs.
             variables: Shapes of the variables of a round.
             numbers: Shapes of its parameters, in addition to those of the robot.
 
-        Both contain the variables and parameters of `stated` at all points of a round, the columns
-        of one point after those of another.
+        Both contain the variables and parameters of `kinematics` at all points of a round, the
+        columns of one point after those of another.
         """
-        num_limbs = stated.limbs
+        num_limbs = kinematics.limbs
         ends = {"toe_before": (3, num_limbs), "pose_after": (6, 1), "com_before": (3, 1)}
-        self._stated = stated
-        self._variables, self._numbers = variables, {**_get_robot_shapes(stated), **numbers}
+        self._kinematics = kinematics
+        self._variables, self._numbers = variables, {**_get_robot_shapes(kinematics), **numbers}
         shapes = {**variables, **ends, **self._numbers}
         duplicates = (variables.keys() | ends.keys()) & self._numbers.keys()
         if duplicates:
@@ -87,13 +87,13 @@ class RoundConstraints:
 
     def build_limbs(self, points: Any, number: int) -> StandingLimbs:
         """Build limbs with toes at points (3, N), world frame; number: index of the point."""
-        s, n = self.symbols, self._stated.limbs
+        s, n = self.symbols, self._kinematics.limbs
         toes = self.rotation.T @ (points - self._com)
         limb_symbols = {
             name: s[name][:, number * n : (number + 1) * n]
-            for name in (*self._stated.parameter_shapes, *self._stated.variable_shapes)
+            for name in (*self._kinematics.parameter_shapes, *self._kinematics.variable_shapes)
         }
-        return self._stated.standing(s, toes, limb_symbols)
+        return self._kinematics.standing(s, toes, limb_symbols)
 
     def transform_to_world(self, points: Any) -> Any:
         """Transform points (3, N) from the body frame to the world."""
@@ -113,7 +113,7 @@ class RoundConstraints:
 
         normals: (3, N) of the surfaces. Returns None for point toes.
         """
-        if not self._stated.has_feet:
+        if not self._kinematics.has_feet:
             return None
         radius = self.symbols["foot"]
         columns = range(forces.shape[1])
@@ -189,19 +189,24 @@ class RoundConstraints:
             every_round: Parameters that differ by round, (d, rounds); others are (d, 1).
             binaries: Names of binary variables.
         """
-        stated = StagedProgram(self.stage.name)
+        formulation = StagedProgram(self.stage.name)
         x: dict[str, list[Any]] = {name: [] for name in self._variables}
         for _ in range(rounds):
             for name, shape in self._variables.items():
                 zero = np.zeros(shape[0] * shape[1])
-                x[name].append(stated.variable(name, zero, binary=name in binaries))
-        first = stated.parameter("first_toe", x["toe"][0].numel())
-        start, last_pose = stated.parameter("first_com", 3), stated.parameter("last_pose", 6)
+                x[name].append(formulation.variable(name, zero, binary=name in binaries))
+        first = formulation.parameter("first_toe", x["toe"][0].numel())
+        start, last_pose = (
+            formulation.parameter("first_com", 3),
+            formulation.parameter("last_pose", 6),
+        )
         p = {
-            name: stated.parameter(name, shape[0] * shape[1], rounds if name in every_round else 1)
+            name: formulation.parameter(
+                name, shape[0] * shape[1], rounds if name in every_round else 1
+            )
             for name, shape in self._numbers.items()
         }
-        stated.add(
+        formulation.add(
             self.stage,
             **{name: ca.horzcat(*columns) for name, columns in x.items()},
             toe_before=ca.horzcat(first, *x["toe"][:-1]),
@@ -209,7 +214,7 @@ class RoundConstraints:
             com_before=ca.horzcat(start, *(pose[:3] for pose in x["pose"][1:])),
             **p,
         )
-        return stated
+        return formulation
 
 
 def repeat_at_points(shapes: Shapes, points: int) -> dict[str, tuple[int, int]]:
@@ -217,10 +222,10 @@ def repeat_at_points(shapes: Shapes, points: int) -> dict[str, tuple[int, int]]:
     return {name: (rows, points * columns) for name, (rows, columns) in shapes.items()}
 
 
-def _get_robot_shapes(stated: SymbolicLimbs) -> dict[str, tuple[int, int]]:
-    by_joint = (stated.joints, stated.limbs)
+def _get_robot_shapes(kinematics: SymbolicLimbs) -> dict[str, tuple[int, int]]:
+    by_joint = (kinematics.joints, kinematics.limbs)
     return {
-        **stated.numbers,
+        **kinematics.numbers,
         "torque_limit": by_joint,  # over the weight [m]
         "softness": by_joint,  # times the weight [rad / m]
         "least_load": (1, 1),

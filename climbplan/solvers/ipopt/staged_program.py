@@ -46,53 +46,55 @@ class StagedProgramAnswer:
 class CompiledStagedProgram:
     """IPOPT, and the statement from which it was compiled: parameters change, rows do not."""
 
-    stated: StagedProgram
+    formulation: StagedProgram
     solver: IpoptProgram
     bounds: Bounds  # as stated
 
     def residuals(self, point: NlpPoint, bounds: Bounds | None = None) -> tuple[BlockResidual, ...]:
         """Return residuals of every named block at a point; `bounds` replaces the stated ones."""
         row_bounds = bounds or self.bounds
-        return self.stated.residuals(point.rows, (row_bounds.row_lower, row_bounds.row_upper))
+        return self.formulation.residuals(point.rows, (row_bounds.row_lower, row_bounds.row_upper))
 
 
 def compile_staged_program(
-    stated: StagedProgram,
+    formulation: StagedProgram,
     settings: Mapping[str, Any],
     expand: bool = False,
     hessian: ca.Function | None = None,
 ) -> CompiledStagedProgram:
-    """Compile a statement with parameters for IPOPT; see `IpoptProgram` for the options."""
-    problem = {"x": stated.x, "p": stated.p, "f": stated.cost, "g": stated.rows}
-    solver = IpoptProgram(stated.name, problem, settings, expand, hessian)
-    return CompiledStagedProgram(stated, solver, Bounds(*stated.bounds, *stated.row_bounds))
+    """Compile a staged program with parameters for IPOPT; see `IpoptProgram` for the options."""
+    problem = {"x": formulation.x, "p": formulation.p, "f": formulation.cost, "g": formulation.rows}
+    solver = IpoptProgram(formulation.name, problem, settings, expand, hessian)
+    return CompiledStagedProgram(
+        formulation, solver, Bounds(*formulation.bounds, *formulation.row_bounds)
+    )
 
 
 def solve_staged_program(
-    trajectory: StagedProgram,
+    formulation: StagedProgram,
     outputs: Sequence[ca.MX],
     settings: Mapping[str, Any],
     began: float,
     deadline: float = np.inf,
     expand: bool = False,
 ) -> StagedProgramAnswer:
-    """Solve a trajectory without parameters.
+    """Solve a staged program without parameters.
 
     Args:
-        trajectory: The statement.
+        formulation: The statement.
         outputs: Expressions to evaluate at the answer.
         settings: Options of IPOPT.
         began: Start of building by `time.perf_counter` [s].
         deadline: Time of `time.monotonic` [s].
         expand: Whether to use one expression graph instead of function calls.
     """
-    program = compile_staged_program(trajectory, settings, expand)
+    program = compile_staged_program(formulation, settings, expand)
     build_end = time.perf_counter()
-    point = program.solver.solve(trajectory.start, [], program.bounds, deadline)
+    point = program.solver.solve(formulation.start, [], program.bounds, deadline)
     residuals = program.residuals(point)
     worst = max(residuals, key=lambda block: block.residual)
     solved = worst.residual <= FEASIBLE  # whatever the solver says of optimality
-    outputs_at_solution = ca.Function("read", [trajectory.x], list(outputs))(point.v)
+    outputs_at_solution = ca.Function("read", [formulation.x], list(outputs))(point.v)
     worst_block = "" if solved else f" of {worst.name}"
     return StagedProgramAnswer(
         values=tuple(np.asarray(value) for value in outputs_at_solution),

@@ -275,8 +275,8 @@ def test_statement_and_check_agree(walls: ClimbScene) -> None:
         assert good.is_accepted
         good_guess = replace(guess, rounds=good.rounds)
         x = build_initial_point(scene, good_guess, build_variable_bounds(scene, 0.0))
-        numbers = program.stated.theta(build_parameters(scene, good_guess))
-        blocks = program.stated.residuals(program.solver.rows(x, numbers))
+        numbers = program.formulation.theta(build_parameters(scene, good_guess))
+        blocks = program.formulation.residuals(program.solver.rows(x, numbers))
         assert max(block.residual for block in blocks) < 1e-6
         assert {block.unit for block in blocks} == {"m", "rad"}
         judged = {v.name for v in check_postures(scene, good.rounds)}
@@ -289,7 +289,7 @@ def test_statement_and_check_agree(walls: ClimbScene) -> None:
             layout = build_variable_layout(scene.robot.limb_count, scene.robot.joint_count)
             j = int(rng.integers(scene.spec.task.rounds))
             moved[j * layout.size : j * layout.size + 3] += rng.normal(0.0, 0.3, 3)
-            blocks = program.stated.residuals(program.solver.rows(moved, numbers))
+            blocks = program.formulation.residuals(program.solver.rows(moved, numbers))
             assert max(block.residual for block in blocks) > 1e-3
             found = check_postures(scene, extract_rounds(scene, good_guess, moved))
             assert any(violation.amount > 1e-3 for violation in found)
@@ -325,8 +325,8 @@ def test_check_and_statement_name_what_is_broken(walls: ClimbScene, name: str, c
     program = compile_posture_nlp(build_shape(walls), 150)
     there = replace(guess, rounds=broken)
     x = build_initial_point(walls, there, build_variable_bounds(walls, 0.0))
-    rows = program.solver.rows(x, program.stated.theta(build_parameters(walls, guess)))
-    blocks = {block.name for block in program.stated.residuals(rows) if block.residual > 1e-3}
+    rows = program.solver.rows(x, program.formulation.theta(build_parameters(walls, guess)))
+    blocks = {block.name for block in program.formulation.residuals(rows) if block.residual > 1e-3}
     assert blocks >= {v.name for v in failing.values() if v.amount > 1e-2} - {"rotation.limit"}
     assert name in blocks
 
@@ -335,7 +335,7 @@ def test_check_and_statement_name_what_is_broken(walls: ClimbScene, name: str, c
 def test_methods_of_the_common_table_take_the_program(walls: ClimbScene, method: Method) -> None:
     guess = build_straight_guess(walls, 0, 0.0)
     problem, theta = build_posture_problem(walls, guess)
-    sizes = compile_posture_nlp(build_shape(walls), 150).stated.sizes()
+    sizes = compile_posture_nlp(build_shape(walls), 150).formulation.sizes()
     counts = problem.program.counts()
     assert counts["by_block"] == {name: rows for name, rows in sizes.items() if rows}
     assert 0 < counts["linear_rows"] < counts["smooth_rows"]

@@ -77,7 +77,7 @@ def test_the_same_seed_gives_the_same_start() -> None:
 def _outside(scene: TransitionScene, toe: Array, side: int) -> float:
     """Row of one limb's toe after round 1 at a place, all weight on one face of box 1."""
     motion = build_complementarity_data(scene)
-    stated = motion.program.stated
+    stated = motion.program.formulation
     limb = scene.robot.limb_names.index("LF")
     v = np.clip(np.zeros_like(motion.lower), motion.lower, motion.upper)
     v[stated.place("toe")[0][3 * limb : 3 * limb + 3]] = toe
@@ -101,7 +101,7 @@ def test_toes_keep_out_of_boxes_by_weights_of_faces() -> None:
 def test_rows_bound_only_what_bounds_the_room() -> None:
     scene = scene_of(BRICKS)
     motion = build_complementarity_data(scene)
-    stated, surfaces = motion.program.stated, motion.surfaces
+    stated, surfaces = motion.program.formulation, motion.surfaces
     lower = motion.bounds(stated).row_lower[stated.block("contact.distance")]
     names = [s.name for s in scene.terrain.surfaces]
     bricks = np.isin(surfaces, [names.index("front brick"), names.index("rear brick")])

@@ -98,7 +98,7 @@ def test_what_does_not_complement_is_no_sequence() -> None:
     x = solve_instance(problem, theta, "pinned").result.x
     assert x is not None
     motion = build_complementarity_data(run.scene)
-    x[motion.program.stated.place("hold")[0, 0]] = 0.5
+    x[motion.program.formulation.place("hold")[0, 0]] = 0.5
     assert not is_complementary(motion, x)
 
 
@@ -107,7 +107,7 @@ def test_a_sequence_that_is_not_carried_through_is_refused() -> None:
     problem, theta = build_transition_problem(run, search.tables, search.list_sequences()[0])
     x = solve_instance(problem, theta, "pinned").result.x
     assert x is not None
-    stated = build_complementarity_data(run.scene).program.stated
+    stated = build_complementarity_data(run.scene).program.formulation
     limb = run.scene.robot.limb_names.index("RM")
     path = x[stated.place("toe")]
     early = x.copy()
@@ -125,4 +125,4 @@ def test_a_motion_that_cannot_be_names_its_round_and_block() -> None:
     assert not motion.is_accepted
     number, name = motion.block.removeprefix("round ").split(", ")
     assert number in {"1", "2"}
-    assert name in compile_motion_program(build_shape(search.scene, 2)).stated.sizes()
+    assert name in compile_motion_program(build_shape(search.scene, 2)).formulation.sizes()

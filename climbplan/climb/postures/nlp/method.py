@@ -132,7 +132,7 @@ def solve_from(scene: ClimbScene, guess: Guess, deadline: float) -> NlpRun:
         variable_box = build_variable_bounds(scene, margin)
         initial_point = build_initial_point(scene, guess, variable_box)
         bounds = replace(program.bounds, lower=variable_box[0], upper=variable_box[1])
-        theta = program.stated.theta(build_parameters(scene, guess))
+        theta = program.formulation.theta(build_parameters(scene, guess))
         solution = program.solver.solve(initial_point, theta, bounds, deadline)
         iterations += solution.iterations
         rounds = extract_rounds(scene, guess, solution.v)

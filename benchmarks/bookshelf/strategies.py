@@ -35,7 +35,7 @@ from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.ranking import RankedStrategies
-from climbplan.methods.pinned_methods import REDUCED
+from climbplan.methods.fixed_integer_methods import REDUCED
 from climbplan.methods.reduced_programs import ClusterSolve, ReducedPrograms
 from climbplan.progress import Progress
 

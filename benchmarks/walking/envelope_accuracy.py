@@ -17,8 +17,8 @@ import numpy as np
 from benchmarks.walking.shipped_tasks import FORMS, shipped_task
 from climbplan.arrays import Array
 from climbplan.walking.check.reference_dynamics import euler_rates, transform_toes_to_body
+from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram
 from climbplan.walking.offline.nlp import solve_nlp
-from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.sqp import build_iterate
 from climbplan.walking.problem.random_tasks import StartRanges, sample_start
 from climbplan.walking.published.layout import MOMENT, PAIRS, SQUARES, TRIPLES
@@ -153,7 +153,7 @@ def solved_terms(walks: list[Walk]) -> tuple[Left, ...]:
     """
     found: list[list[tuple[Array, Array]]] = []
     for task, walk in walks:
-        program = PublishedProgram(PinnedProgram(task, walk.gait))
+        program = PublishedProgram(FixedContactProgram(task, walk.gait))
         x = program.solve(build_iterate(walk, walk.gait)).values
         if x is None:
             continue

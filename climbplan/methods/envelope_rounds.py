@@ -20,7 +20,7 @@ from scipy import sparse
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.strategy import Candidate
-from climbplan.methods.pinning import candidate_at, solve_candidate
+from climbplan.methods.candidate_solving import candidate_at, solve_candidate
 from climbplan.program.box import VariableBox, propagate_box
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem

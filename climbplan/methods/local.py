@@ -12,7 +12,7 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.strategy import Candidate
 from climbplan.program.instance import Instance
-from climbplan.reformulations.pinned import PinnedForm
+from climbplan.reformulations.fixed_integers import FixedIntegerForm
 from climbplan.solvers.convex.sessions import ConvexBackend, solve_convex
 from climbplan.solvers.ipopt.instances import solve_fixed_integers
 from climbplan.solvers.sqp.envelopes import EnvelopeSolver
@@ -69,9 +69,9 @@ def create_local_method(
     if local == "ipopt":
         return _Ipopt(instance, deadline)
     if local == "form":
-        convex = _Convex(PinnedForm.of(instance), "clarabel", gap, tolerance)
+        convex = _Convex(FixedIntegerForm.of(instance), "clarabel", gap, tolerance)
         return _ByForm(instance, sqp, convex, _Ipopt(instance, deadline))
-    return _Convex(PinnedForm.of(instance), local, gap, tolerance)
+    return _Convex(FixedIntegerForm.of(instance), local, gap, tolerance)
 
 
 @dataclass
@@ -100,7 +100,7 @@ class _ByForm:
 class _Convex:
     """Solves a convex rest."""
 
-    form: PinnedForm
+    form: FixedIntegerForm
     backend: ConvexBackend
     gap: float
     tolerance: float

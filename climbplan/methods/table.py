@@ -15,10 +15,10 @@ import numpy as np
 
 from climbplan.certificates.certificate import Certificate
 from climbplan.errors import UsageError
-from climbplan.methods.pinned_methods import (
+from climbplan.methods.fixed_integer_methods import (
     NEEDS_MODEL,
     create_learned_method,
-    solve_pinned_candidates,
+    solve_fixed_integer_candidates,
     solve_reduced,
 )
 from climbplan.methods.pipeline import CandidateResult
@@ -168,7 +168,7 @@ _METHODS: dict[str, Callable[[Task], Outcome]] = {
     "nlp": solve_by_ipopt,
     "mpcc": solve_by_complementarity,
     "admm": solve_by_admm,
-    "pinned": solve_pinned_candidates,
+    "pinned": solve_fixed_integer_candidates,
     "knn": create_learned_method("knn"),
     "forest": create_learned_method("forest"),
     "boosting": create_learned_method("boosting"),

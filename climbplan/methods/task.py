@@ -17,8 +17,8 @@ from climbplan.learning.library import Library
 from climbplan.learning.model import StrategyModel
 from climbplan.learning.neighbours import NearestProblems
 from climbplan.learning.strategy import Candidate, Strategy
+from climbplan.methods.candidate_solving import FIXED_INTEGER_SOLVERS
 from climbplan.methods.envelope_rounds import EnvelopeOptions
-from climbplan.methods.pinning import PINNED_SOLVERS
 from climbplan.methods.pipeline import (
     CandidateResult,
     Check,
@@ -228,9 +228,9 @@ def solve_candidates(
         UsageError: The solver is unknown.
     """
     settings, solver = task.settings, task.settings.solver
-    chosen = next((name for name in PINNED_SOLVERS if name == solver), None)
+    chosen = next((name for name in FIXED_INTEGER_SOLVERS if name == solver), None)
     if solver is not None and chosen is None:
-        names = ", ".join(PINNED_SOLVERS)
+        names = ", ".join(FIXED_INTEGER_SOLVERS)
         raise UsageError(f"pinned integers: no solver {solver!r}, expected one of {names}")
     options = replace(
         settings.pinned,

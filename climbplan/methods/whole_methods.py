@@ -8,12 +8,12 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import LimitReached, UsageError
+from climbplan.methods.candidate_solving import candidate_at, solve_candidate
 from climbplan.methods.envelope_rounds import (
     MICP_SOLVERS,
     build_default_partitions,
     solve_micp,
 )
-from climbplan.methods.pinning import candidate_at, solve_candidate
 from climbplan.methods.task import Method, Outcome, Task, format_origin, select_best
 from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance

@@ -1,7 +1,7 @@
 """Envelopes on one box: the convex program that remains when all pieces are given.
 
-With `PinnedForm` this is the published `convex` method in its smallest form: four rows for each
-product and no weights.
+With `FixedIntegerForm` this is the method `convex` of X. Lin (UCLA 2022) in its smallest form:
+four rows for each product and no weights.
 """
 
 from __future__ import annotations

@@ -101,7 +101,7 @@ class ChainsAtToes:
     """N chains with angles that put their toes at points."""
 
     chains: SymbolicChains
-    numbers: Mapping[str, Any]
+    robot_parameters: Mapping[str, Any]
     toes: Any  # (3, N) body frame [m]
     angles: Any  # (J, N) [rad]
     pull: Any  # (3, N) [rad / m], or None of chains without freedom to choose
@@ -112,36 +112,36 @@ class ChainsAtToes:
 
         Joint bounds are those of variables.
         """
-        pose = self.chains.pose(self.numbers, self.angles)
+        pose = self.chains.pose(self.robot_parameters, self.angles)
         ties = [Tie("kinematics.toes", pose.toe - self.toes, "m", 0.0, 0.0)]
         if margin > 0:
             measure = compute_singularity_measure(
-                self.chains.columns(self.numbers, pose), self.side
+                self.chains.columns(self.robot_parameters, pose), self.side
             )
             ties.append(
                 Tie("transition.reach", measure, "", compute_min_singularity_measure(margin))
             )
         if self.pull is not None:
-            scaled = self.chains.scale_by_unit(self.numbers, self.torques(self.pull))
-            residual = self.angles - self.numbers["posture"] - scaled
+            scaled = self.chains.scale_by_unit(self.robot_parameters, self.torques(self.pull))
+            residual = self.angles - self.robot_parameters["posture"] - scaled
             ties.append(Tie("kinematics.settled", residual, "rad", 0.0, 0.0))
         return ties
 
     def torques(self, force: Any, moment: Any = None) -> Any:
         """Return joint torques (J, N) of forces and moments (3, N) at the toes, body frame."""
-        pose = self.chains.pose(self.numbers, self.angles)
+        pose = self.chains.pose(self.robot_parameters, self.angles)
         torques = [ca.sum1(arm * force) for arm in pose.arms]
         if moment is not None:
             turning = zip(torques, pose.axes, strict=True)
             torques = [torque + ca.sum1(axis * moment) for torque, axis in turning]
-        return self.chains.map_to_angles(self.numbers, ca.vertcat(*torques))
+        return self.chains.map_to_angles(self.robot_parameters, ca.vertcat(*torques))
 
     def centre(self) -> Any:
         """Return the robot's centre of mass (3, 1), body frame [m]; None if limbs weigh nothing."""
         if not self.chains.has_mass:
             return None
-        carried = self.chains.accumulate_masses(self.numbers, self.angles)
-        return ca.sum2(carried[0][1]) + self.numbers["body_middle"]
+        carried = self.chains.accumulate_masses(self.robot_parameters, self.angles)
+        return ca.sum2(carried[0][1]) + self.robot_parameters["body_middle"]
 
     def weight_torques(self, down: Any) -> Any:
         """Return joint torques (J, N) of the links' weight along `down` (3, 1), over the robot's.
@@ -150,22 +150,22 @@ class ChainsAtToes:
         """
         if not self.chains.has_mass:
             return None
-        pose = self.chains.pose(self.numbers, self.angles)
+        pose = self.chains.pose(self.robot_parameters, self.angles)
         pull = ca.repmat(down, 1, self.chains.limbs)
         torques = []
         for j, (mass, moment) in enumerate(
-            self.chains.accumulate_masses(self.numbers, self.angles)
+            self.chains.accumulate_masses(self.robot_parameters, self.angles)
         ):
             weight_of_three = ca.repmat(mass, 3, 1)
             arm = ca.cross(pose.axes[j], moment - weight_of_three * pose.joints[j])
             torques.append(
                 ca.sum1((arm + weight_of_three * pose.slides[j] if pose.slides else arm) * pull)
             )
-        return self.chains.map_to_angles(self.numbers, ca.vertcat(*torques))
+        return self.chains.map_to_angles(self.robot_parameters, ca.vertcat(*torques))
 
     def free_toes(self, deflection: Any) -> Any:
         """Return toes (3, N) in free space, body frame, with joints back by `deflection` (J, N)."""
-        return self.chains.points(self.numbers, self.angles - deflection)[-1]
+        return self.chains.points(self.robot_parameters, self.angles - deflection)[-1]
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ class SymbolicChains:
     has_mass: bool = False  # whether links do
 
     @property
-    def numbers(self) -> Shapes:
+    def robot_parameter_shapes(self) -> Shapes:
         """Joints, axes and toes at zero angles, joint by joint of N columns each, and postures."""
         n = self.limbs
         return {
@@ -215,8 +215,8 @@ class SymbolicChains:
         angles = {"angles": (self.joints, self.limbs)}
         return angles | ({"pull": (3, self.limbs)} if self.redundant else {})
 
-    def values(self, robot: Robot) -> dict[str, Array]:
-        """Return the robot's numbers."""
+    def compute_robot_parameters(self, robot: Robot) -> dict[str, Array]:
+        """Return the parameters of the robot."""
         chain = _require_chain(robot)
         by_joint = {"joint_zero": chain.joint_zero, "axis_zero": chain.axis_zero}
         if chain.slide_zero is not None:
@@ -251,23 +251,25 @@ class SymbolicChains:
         pull = np.linalg.pinv(np.swapaxes(chain.jacobian(angles), -1, -2)) @ away
         return {"angles": angles, "pull": pull[..., 0]}
 
-    def motions(self, numbers: Mapping[str, Any], angles: Any) -> Any:
+    def motions(self, robot_parameters: Mapping[str, Any], angles: Any) -> Any:
         """Return how far each joint is from zero (J, N), for angles (J, N)."""
         if not self.has_mimics:
             return angles
-        drive, count = numbers["drive"], self.joints
+        drive, count = robot_parameters["drive"], self.joints
         return ca.vertcat(
             *(ca.sum1(drive[count * j : count * (j + 1), :] * angles) for j in range(count))
         )
 
-    def map_to_angles(self, numbers: Mapping[str, Any], by_joint: Any) -> Any:
+    def map_to_angles(self, robot_parameters: Mapping[str, Any], by_joint: Any) -> Any:
         """Return generalised forces of angles (J, N), from those of each joint (J, N)."""
         if not self.has_mimics:
             return by_joint
-        drive, count = numbers["drive"], self.joints
+        drive, count = robot_parameters["drive"], self.joints
         return ca.vertcat(*(ca.sum1(drive[k::count, :] * by_joint) for k in range(count)))
 
-    def scale_by_unit(self, numbers: Mapping[str, Any], torques: Any, power: int = 2) -> Any:
+    def scale_by_unit(
+        self, robot_parameters: Mapping[str, Any], torques: Any, power: int = 2
+    ) -> Any:
         """Return torques (J, N) times U^power.
 
         With power 2 it is the deflection of springs of equal energy.
@@ -276,31 +278,35 @@ class SymbolicChains:
             return torques
         n = self.limbs
         lengths = [
-            ca.sum1(numbers["slide_zero"][:, j * n : (j + 1) * n] ** 2) for j in range(self.joints)
+            ca.sum1(robot_parameters["slide_zero"][:, j * n : (j + 1) * n] ** 2)
+            for j in range(self.joints)
         ]
         return torques * (1 - (1 - RADIAN**power) * ca.vertcat(*lengths))
 
-    def columns(self, numbers: Mapping[str, Any], pose: SymbolicPose) -> list[Any]:
+    def columns(self, robot_parameters: Mapping[str, Any], pose: SymbolicPose) -> list[Any]:
         """Return toe velocities by each angle's speed in its unit (1 rad, or `RADIAN`).
 
         J entries of (3, N).
         """
         by_axis = [ca.vertcat(*(arm[k, :] for arm in pose.arms)) for k in range(3)]  # (J, N) each
         scaled = [
-            self.scale_by_unit(numbers, self.map_to_angles(numbers, rows), 1) for rows in by_axis
+            self.scale_by_unit(robot_parameters, self.map_to_angles(robot_parameters, rows), 1)
+            for rows in by_axis
         ]
         return [ca.vertcat(*(rows[j, :] for rows in scaled)) for j in range(self.joints)]
 
-    def pose(self, numbers: Mapping[str, Any], angles: Any) -> SymbolicPose:
+    def pose(self, robot_parameters: Mapping[str, Any], angles: Any) -> SymbolicPose:
         """Return the chains for angles (J, N)."""
-        n, motion = self.limbs, self.motions(numbers, angles)
+        n, motion = self.limbs, self.motions(robot_parameters, angles)
         points, axis, slide = (
-            [numbers[name][:, j * n : (j + 1) * n] for j in range(self.joints)] if has_them else []
+            [robot_parameters[name][:, j * n : (j + 1) * n] for j in range(self.joints)]
+            if has_them
+            else []
             for name, has_them in (
                 ("joint_zero", True), ("axis_zero", True), ("slide_zero", self.slides)
             )
         )  # fmt: skip
-        toe = numbers["toe_zero"]
+        toe = robot_parameters["toe_zero"]
         joints: list[Any] = []
         axes: list[Any] = []
         slides: list[Any] = []
@@ -317,16 +323,18 @@ class SymbolicChains:
                 slides = [slide[j]] + [rotate_about_axis(axis[j], motion[j, :], a) for a in slides]
         return SymbolicPose(joints, axes, slides, toe)
 
-    def accumulate_masses(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
+    def accumulate_masses(
+        self, robot_parameters: Mapping[str, Any], angles: Any
+    ) -> list[tuple[Any, Any]]:
         """Return by joint the mass fraction (1, N) beyond it, and that times its centre (3, N).
 
         Body frame, for angles (J, N).
         """
-        n, motion = self.limbs, self.motions(numbers, angles)
+        n, motion = self.limbs, self.motions(robot_parameters, angles)
         beyond_joint: list[tuple[Any, Any]] = []
         for j in reversed(range(self.joints)):
             point, axis, zero, fraction = (
-                numbers[name][:, j * n : (j + 1) * n]
+                robot_parameters[name][:, j * n : (j + 1) * n]
                 for name in ("joint_zero", "axis_zero", "link_zero", "link_share")
             )
             link_moment = ca.repmat(fraction, 3, 1) * zero
@@ -340,43 +348,43 @@ class SymbolicChains:
                 if self.slides:
                     moved_moment += (
                         weights
-                        * numbers["slide_zero"][:, j * n : (j + 1) * n]
+                        * robot_parameters["slide_zero"][:, j * n : (j + 1) * n]
                         * ca.repmat(motion[j, :], 3, 1)
                     )
                 beyond_joint[k] = mass, moved_moment
         return beyond_joint
 
-    def points(self, numbers: Mapping[str, Any], angles: Any) -> list[Any]:
+    def points(self, robot_parameters: Mapping[str, Any], angles: Any) -> list[Any]:
         """Return joints and toe (3, N), body frame, for angles (J, N)."""
-        pose = self.pose(numbers, angles)
+        pose = self.pose(robot_parameters, angles)
         return [*pose.joints, pose.toe]
 
-    def pieces(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
+    def pieces(self, robot_parameters: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
         """Return ends (3, N) of the axis of each capsule, body frame, for angles (J, N)."""
         if self.mounted is None:
-            return list(itertools.pairwise(self.points(numbers, angles)))
-        n, motion = self.limbs, self.motions(numbers, angles)
+            return list(itertools.pairwise(self.points(robot_parameters, angles)))
+        n, motion = self.limbs, self.motions(robot_parameters, angles)
         ends = []
         for number in range(2 * len(self.mounted[0])):
             columns = []
             for i in range(n):
-                point = numbers["capsule_zero"][:, number * n + i]
+                point = robot_parameters["capsule_zero"][:, number * n + i]
                 for j in reversed(range(self.mounted[i][number // 2] + 1)):
-                    origin = numbers["joint_zero"][:, j * n + i]
-                    axis = numbers["axis_zero"][:, j * n + i]
+                    origin = robot_parameters["joint_zero"][:, j * n + i]
+                    axis = robot_parameters["axis_zero"][:, j * n + i]
                     point = origin + rotate_about_axis(axis, motion[j, i], point - origin)
                     if self.slides:
-                        point += numbers["slide_zero"][:, j * n + i] * motion[j, i]
+                        point += robot_parameters["slide_zero"][:, j * n + i] * motion[j, i]
                 columns.append(point)
             ends.append(ca.horzcat(*columns))
         return list(zip(ends[::2], ends[1::2], strict=True))
 
     def standing(
-        self, numbers: Mapping[str, Any], toes: Any, values: Mapping[str, Any]
+        self, robot_parameters: Mapping[str, Any], toes: Any, values: Mapping[str, Any]
     ) -> ChainsAtToes:
         """Return chains with toes (3, N) in the body frame."""
         return ChainsAtToes(
-            self, numbers, toes, values["angles"], values.get("pull"), values.get("side")
+            self, robot_parameters, toes, values["angles"], values.get("pull"), values.get("side")
         )
 
 

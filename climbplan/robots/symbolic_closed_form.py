@@ -35,7 +35,7 @@ class ClosedFormAtToes:
     reach: Any  # (2, N) horizontal distance beyond the coxa and height of the toe [m]
 
     def ties(self, margin: float) -> list[Tie]:
-        """Return the rows |cos(knee)| within 1, and joints within bounds that are numbers."""
+        """Return the rows |cos(knee)| within 1, and joints within finite bounds."""
         return [
             Tie("transition.reach", self.stretch, "", margin - 1, 1 - margin),
             Tie("transition.joints", self.angles, "rad"),
@@ -94,7 +94,7 @@ class SymbolicClosedForm:
         return False
 
     @property
-    def numbers(self) -> Shapes:
+    def robot_parameter_shapes(self) -> Shapes:
         """First joints, link lengths, directions of the coxae, middles of their bounds."""
         n = self.limbs
         return {"shoulder": (3, n), "links": (3, n), "mount_yaw": (1, n), "middle": (1, n)}
@@ -109,8 +109,8 @@ class SymbolicClosedForm:
         """Nothing: angles are functions of the toes."""
         return {}
 
-    def values(self, robot: Robot) -> dict[str, Array]:
-        """Return the robot's numbers."""
+    def compute_robot_parameters(self, robot: Robot) -> dict[str, Array]:
+        """Return the parameters of the robot."""
         return {
             "shoulder": robot.shoulder_body.T,
             "links": robot.link_lengths.T,
@@ -124,10 +124,10 @@ class SymbolicClosedForm:
         up, down = within[..., 0, :], within[..., 1, :]
         return {"branch": np.where(~up & down, 1.0, -1.0)[..., None]}
 
-    def points(self, numbers: Mapping[str, Any], angles: Any) -> list[Any]:
+    def points(self, robot_parameters: Mapping[str, Any], angles: Any) -> list[Any]:
         """Return shoulder, femur joint, knee and toe (3, N), body frame, for angles (3, N)."""
-        shoulder, links = numbers["shoulder"], numbers["links"]
-        psi, tilt = numbers["mount_yaw"] + angles[0, :], angles[1, :] + angles[2, :]
+        shoulder, links = robot_parameters["shoulder"], robot_parameters["links"]
+        psi, tilt = robot_parameters["mount_yaw"] + angles[0, :], angles[1, :] + angles[2, :]
         knee = links[0, :] + links[1, :] * ca.cos(angles[1, :]), links[1, :] * ca.sin(angles[1, :])
         toe = knee[0] + links[2, :] * ca.sin(tilt), knee[1] - links[2, :] * ca.cos(tilt)
 
@@ -137,17 +137,17 @@ class SymbolicClosedForm:
         level = ca.SX.zeros(1, self.limbs)
         return [shoulder, point(links[0, :], level), point(*knee), point(*toe)]
 
-    def pieces(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
+    def pieces(self, robot_parameters: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
         """Return the links, straight from joint to joint and toe."""
-        points = self.points(numbers, angles)
+        points = self.points(robot_parameters, angles)
         return list(itertools.pairwise(points))
 
     def standing(
-        self, numbers: Mapping[str, Any], toes: Any, values: Mapping[str, Any]
+        self, robot_parameters: Mapping[str, Any], toes: Any, values: Mapping[str, Any]
     ) -> ClosedFormAtToes:
         """Return limbs with toes (3, N) in the body frame, the coxa wrapped about its middle."""
-        shoulder, links = numbers["shoulder"], numbers["links"]
-        middle, branch = numbers["middle"], values["branch"]
+        shoulder, links = robot_parameters["shoulder"], robot_parameters["links"]
+        middle, branch = robot_parameters["middle"], values["branch"]
         offset = toes - shoulder
         distance = ca.sqrt(offset[0, :] ** 2 + offset[1, :] ** 2 + 1e-12)
         u, z = distance - links[0, :], offset[2, :]
@@ -157,7 +157,7 @@ class SymbolicClosedForm:
         beta = branch * ca.acos(inside)
         knee = ca.atan2(links[2, :] * ca.sin(beta), links[1, :] + links[2, :] * ca.cos(beta))
         # The angle from the middle of the coxa's bounds, where atan2 has no jump.
-        heading = numbers["mount_yaw"] + middle
+        heading = robot_parameters["mount_yaw"] + middle
         along = offset[0, :] * ca.cos(heading) + offset[1, :] * ca.sin(heading)
         across = -offset[0, :] * ca.sin(heading) + offset[1, :] * ca.cos(heading)
         coxa = middle + ca.atan2(across, along)

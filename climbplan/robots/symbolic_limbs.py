@@ -21,7 +21,7 @@ Shapes = dict[str, tuple[int, int]]
 
 @dataclass(frozen=True)
 class Tie:
-    """Rows that hold where a limb stands at its toe; missing bounds are given with the numbers."""
+    """Rows that hold where a limb stands at its toe; missing bounds are given with the data."""
 
     name: str
     rows: Any  # (r, N)
@@ -72,11 +72,11 @@ class SymbolicLimbs(Protocol):
 
     @property
     def has_feet(self) -> bool:
-        """Whether feet are of finite size: `foot` [m] is then one of the robot's numbers."""
+        """Whether feet are of finite size: `foot` [m] is then a parameter of the robot."""
 
     @property
-    def numbers(self) -> Shapes:
-        """Names and shapes of the robot's numbers."""
+    def robot_parameter_shapes(self) -> Shapes:
+        """Names and shapes of the parameters of the robot."""
 
     @property
     def parameter_shapes(self) -> Shapes:
@@ -86,8 +86,8 @@ class SymbolicLimbs(Protocol):
     def variable_shapes(self) -> Shapes:
         """Names and shapes of the variables that a program has for toes at one point each."""
 
-    def values(self, robot: Robot) -> dict[str, Array]:
-        """Return the robot's numbers."""
+    def compute_robot_parameters(self, robot: Robot) -> dict[str, Array]:
+        """Return the parameters of the robot."""
 
     def at_toes(self, robot: Robot, toes: Array) -> dict[str, Array]:
         """Return parameters and start values of variables for toes (..., N, 3).
@@ -95,13 +95,13 @@ class SymbolicLimbs(Protocol):
         Each is (..., N, rows).
         """
 
-    def points(self, numbers: Mapping[str, Any], angles: Any) -> list[Any]:
+    def points(self, robot_parameters: Mapping[str, Any], angles: Any) -> list[Any]:
         """Return J joints and the toe, (3, N) each, body frame, for angles (J, N)."""
 
-    def pieces(self, numbers: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
+    def pieces(self, robot_parameters: Mapping[str, Any], angles: Any) -> list[tuple[Any, Any]]:
         """Return ends (3, N) of the axis of each capsule, body frame, for angles (J, N)."""
 
     def standing(
-        self, numbers: Mapping[str, Any], toes: Any, values: Mapping[str, Any]
+        self, robot_parameters: Mapping[str, Any], toes: Any, values: Mapping[str, Any]
     ) -> StandingLimbs:
         """Return limbs with toes (3, N), body frame; values: of parameters and variables there."""

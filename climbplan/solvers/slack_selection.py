@@ -18,7 +18,7 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
-from climbplan.reformulations.pinned import Pinned
+from climbplan.reformulations.fixed_integers import FixedIntegers
 from climbplan.reformulations.slack_relaxation import SlackRelaxation
 from climbplan.solvers.convex.sessions import create_session, solve_convex
 from climbplan.solvers.result import FEASIBILITY, Answer, SolverResult, judge_answer
@@ -139,5 +139,5 @@ def _solve_relaxation(instance: Instance, chosen: IntArray) -> _SlackSolution:
 
 def _solve_fixed(instance: Instance, chosen: IntArray, gap: float) -> Array | None:
     """Return the best point with these alternatives; None where there is none."""
-    fixed = Pinned(np.zeros(instance.size), chosen, compact=True).apply(instance)
+    fixed = FixedIntegers(np.zeros(instance.size), chosen, compact=True).apply(instance)
     return solve_convex(fixed.instance, "clarabel", gap).x

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.methods.pinning import candidate_at, solve_candidate
+from climbplan.methods.candidate_solving import candidate_at, solve_candidate
 from climbplan.program import Instance, Polytope, Problem, Program
 
 

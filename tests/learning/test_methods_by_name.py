@@ -16,10 +16,10 @@ from climbplan.learning.library import Library, ProgramSignature
 from climbplan.learning.model import FitOptions, ModelKind, fit_strategy
 from climbplan.learning.neighbours import NearestProblems, Order
 from climbplan.learning.strategy import Candidate
+from climbplan.methods.candidate_solving import FixedIntegerSolver, candidate_at, solve_candidate
 from climbplan.methods.conflicts import find_conflicting_blocks
 from climbplan.methods.envelope_rounds import EnvelopeOptions
-from climbplan.methods.pinned_methods import NEEDS_MODEL
-from climbplan.methods.pinning import PinnedSolver, candidate_at, solve_candidate
+from climbplan.methods.fixed_integer_methods import NEEDS_MODEL
 from climbplan.methods.table import METHODS, solve_instance
 from climbplan.methods.task import Method, MethodSettings, SharedCache
 from climbplan.program import Problem, Program
@@ -210,7 +210,7 @@ def test_knn_falls_back_only_where_no_candidate_holds() -> None:
 
 
 @pytest.mark.parametrize("solver", ["ipopt", "sqp"])
-def test_pinned_solvers_agree(solver: PinnedSolver) -> None:
+def test_pinned_solvers_agree(solver: FixedIntegerSolver) -> None:
     problem = islands_problem()
     instance = problem.instance({"goal": np.array([1.5, 0.2])})
     candidate = candidate_at(np.array([1.0, 0.3, 0.6, 1.0]), np.array([1]))

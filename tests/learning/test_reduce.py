@@ -17,7 +17,7 @@ from climbplan.learning.clusters import (
 )
 from climbplan.learning.library import Library, ProgramSignature
 from climbplan.learning.model import FitOptions, fit_strategy
-from climbplan.methods.pinning import candidate_at, solve_candidate
+from climbplan.methods.candidate_solving import candidate_at, solve_candidate
 from climbplan.methods.reduced import ClusterReduction
 from climbplan.methods.reduced_programs import ClusterSolve, ReducedPrograms
 from climbplan.program import Program

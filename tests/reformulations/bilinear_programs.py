@@ -9,7 +9,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.program import Instance, Polytope, Program
-from climbplan.reformulations.pinned import PinnedForm
+from climbplan.reformulations.fixed_integers import FixedIntegerForm
 from climbplan.solvers.convex.sessions import solve_convex
 
 BOUND = 2.0
@@ -74,7 +74,7 @@ def bilinear(seed: int) -> Instance:
 def enumerated(instance: Instance) -> Optimum:
     """The best of all integers and alternatives, each a convex program."""
     best = Optimum(np.inf, None)
-    form = PinnedForm.of(instance)
+    form = FixedIntegerForm.of(instance)
     whole = np.flatnonzero(instance.integer)
     for bits in itertools.product((0.0, 1.0), repeat=len(whole)):
         x = np.zeros(instance.size)
@@ -96,7 +96,7 @@ def scanned(seed: int, step: float = 0.005) -> float:
     x0, x1 = (part.ravel() for part in np.meshgrid(axis, axis, indexing="ij"))
     best = np.inf
     for bits in itertools.product((0.0, 1.0), repeat=2):
-        pinned = PinnedForm.of(instance).at(np.array([0.0, 0.0, 0.0, *bits]), compact=True)
+        pinned = FixedIntegerForm.of(instance).at(np.array([0.0, 0.0, 0.0, *bits]), compact=True)
         low, high = np.full(x0.shape, -1.0), np.full(x0.shape, 2.0)
         possible = np.ones(x0.shape, bool)
         for k in range(pinned.A.shape[0]):

@@ -15,9 +15,9 @@ from climbplan.reformulations.admm import AdmmSplit
 from climbplan.reformulations.base import Reformulation
 from climbplan.reformulations.complementarity import Complementarity
 from climbplan.reformulations.disjunctions import BigM, ConvexHull
+from climbplan.reformulations.fixed_integers import FixedIntegers
 from climbplan.reformulations.local_envelopes import LocalMcCormick
 from climbplan.reformulations.mccormick import McCormick
-from climbplan.reformulations.pinned import Pinned
 from climbplan.reformulations.slack_relaxation import SlackRelaxation
 
 SMALL = small_program(True).instantiate(random_numbers(np.random.default_rng(0)))
@@ -27,7 +27,7 @@ ALL: dict[str, Reformulation[Any]] = {
     "mccormick": McCormick(),
     "local": LocalMcCormick(SMALL.lower, SMALL.upper),
     "slacks": SlackRelaxation(),
-    "pinned": Pinned.at_point(SMALL, 0.5 * (SMALL.lower + SMALL.upper)),
+    "pinned": FixedIntegers.at_point(SMALL, 0.5 * (SMALL.lower + SMALL.upper)),
     "complementarity": Complementarity(),
     "complementarity, big-m": Complementarity(coupling="big-m"),
     "admm": AdmmSplit(),

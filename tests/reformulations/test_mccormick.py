@@ -14,10 +14,10 @@ from climbplan.program import Instance, Program
 from climbplan.program.row_propagation import ElementwiseRange
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.reformulations.envelopes import build_halfspaces
+from climbplan.reformulations.fixed_integers import FixedIntegerForm
 from climbplan.reformulations.grids import Partition, build_code, each, pieces, together, uniform
 from climbplan.reformulations.local_envelopes import LocalForm, LocalMcCormick
 from climbplan.reformulations.mccormick import EnvelopedInstance, McCormick
-from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.convex.sessions import solve_convex
 from climbplan.solvers.highs.instances import solve_highs
 from climbplan.solvers.result import SolverResult
@@ -214,10 +214,10 @@ def nearest(
     instance: Instance, form: EnvelopedInstance, x: Array
 ) -> tuple[SolverResult, SolverResult]:
     chosen = form.find_pieces(x)
-    lifted = PinnedForm.of(form.instance).at(form.build_integers(x, chosen), compact=True)
+    lifted = FixedIntegerForm.of(form.instance).at(form.build_integers(x, chosen), compact=True)
     mccormick = McCormick(form.partitions, "log2")
     local = LocalMcCormick.of_pieces(instance, mccormick, chosen).apply(instance).instance
-    small = PinnedForm.of(local).at(np.pad(x, (0, local.size - len(x))), compact=True)
+    small = FixedIntegerForm.of(local).at(np.pad(x, (0, local.size - len(x))), compact=True)
     return solve_convex(lifted, "clarabel"), solve_convex(small, "clarabel")
 
 
@@ -280,7 +280,7 @@ def test_local_form_changes_numbers_only() -> None:
     """One form for many boxes and pins agrees with building each from scratch."""
     instance = bilinear(3)
     rng = np.random.default_rng(0)
-    pins = PinnedForm.of(instance)
+    pins = FixedIntegerForm.of(instance)
     first = pins.at(np.zeros(instance.size))
     form = LocalForm.of(first)
     for _ in range(6):

@@ -11,7 +11,7 @@ from bilinear_programs import bilinear, disjunctive
 
 from climbplan.errors import UsageError
 from climbplan.program import Instance, Program
-from climbplan.reformulations.pinned import Pinned, PinnedForm
+from climbplan.reformulations.fixed_integers import FixedIntegerForm, FixedIntegers
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -26,7 +26,7 @@ def test_agrees_with_the_statement_at_the_same_integers(
         x = rng.uniform(instance.lower, instance.upper)
         x[instance.integer] = rng.integers(0, 2, int(instance.integer.sum()))
         chosen = np.array([rng.integers(len(c.alternatives)) for c in instance.choices], np.int64)
-        pinned = Pinned(x, chosen, compact).apply(instance).instance
+        pinned = FixedIntegers(x, chosen, compact).apply(instance).instance
         assert not pinned.features - {"products"}
         assert pinned.violation(x) == pytest.approx(instance.violation(x, chosen))
         assert pinned.objective(x) == pytest.approx(instance.objective(x))
@@ -34,7 +34,7 @@ def test_agrees_with_the_statement_at_the_same_integers(
 
 def test_only_bounds_change() -> None:
     instance = disjunctive(0)
-    form = PinnedForm.of(instance)
+    form = FixedIntegerForm.of(instance)
     zero = np.zeros(instance.size)
     one = np.where(instance.integer, 1.0, 0.0)
     first = form.at(zero, np.array([0, 0]))
@@ -51,7 +51,7 @@ def test_products_with_a_pinned_factor_become_linear() -> None:
     instance = p.instantiate()
     for bit in (0.0, 1.0):
         at = np.array([0.3, -0.4, bit])
-        pinned = PinnedForm.of(instance).at(at)
+        pinned = FixedIntegerForm.of(instance).at(at)
         assert pinned.products.count == 1
         row = pinned.A @ at + pinned.Q @ pinned.products.values(at)
         expected = instance.A @ at + instance.Q @ instance.products.values(at)
@@ -62,14 +62,14 @@ def test_integers_outside_their_bounds_are_infeasible_not_moved() -> None:
     instance = bilinear(0)
     upper = np.where(instance.integer, 0.0, instance.upper)
     held = replace(instance, upper=upper)
-    pinned = PinnedForm.of(held).at(np.ones(instance.size))
+    pinned = FixedIntegerForm.of(held).at(np.ones(instance.size))
     assert (pinned.lower > pinned.upper).any()
 
 
 def test_mistakes() -> None:
     instance = disjunctive(0)
     with pytest.raises(UsageError, match="2 alternatives to pin"):
-        PinnedForm.of(instance).at(np.zeros(instance.size))
+        FixedIntegerForm.of(instance).at(np.zeros(instance.size))
     with pytest.raises(UsageError, match="not a number"):
-        PinnedForm.of(instance).at(np.full(instance.size, np.nan), np.array([0, 0]))
-    assert not Pinned(np.zeros(2), np.zeros(0, np.int64)).accepts(instance)
+        FixedIntegerForm.of(instance).at(np.full(instance.size, np.nan), np.array([0, 0]))
+    assert not FixedIntegers(np.zeros(2), np.zeros(0, np.int64)).accepts(instance)

@@ -138,7 +138,7 @@ def test_the_checker_and_programs_have_the_same_limbs(both: tuple[UrdfRobot, Rob
     curved = np.einsum("ni,nijk->njk", force, pose.hessian)
     np.testing.assert_allclose(anew.compute_force_hessian(force), curved, atol=1e-12)
     stated = build_symbolic_limbs(robot)
-    numbers = {name: ca.DM(value) for name, value in stated.values(robot).items()}
+    numbers = {name: ca.DM(value) for name, value in stated.compute_robot_parameters(robot).items()}
     own = {"angles": ca.DM(angles.T), "pull": ca.DM.zeros(3, robot.limb_count)}
     standing = stated.standing(numbers, ca.DM(pose.toe.T), own)
     np.testing.assert_allclose(np.array(standing.ties(0.0)[0].rows), 0.0, atol=1e-12)
@@ -180,6 +180,6 @@ def test_programs_settle_as_the_inverse_does(both: tuple[UrdfRobot, Robot]) -> N
     stated = build_symbolic_limbs(robot)
     toes = toe_body(robot, 0.1 * drawn(robot, 9))
     found = {name: ca.DM(value.T) for name, value in stated.at_toes(robot, toes).items()}
-    numbers = {name: ca.DM(value) for name, value in stated.values(robot).items()}
+    numbers = {name: ca.DM(value) for name, value in stated.compute_robot_parameters(robot).items()}
     for tie in stated.standing(numbers, ca.DM(toes.T), found).ties(0.0):
         np.testing.assert_allclose(np.array(tie.rows), 0.0, atol=1e-6)

@@ -42,8 +42,8 @@ def posture_of(robot: Robot) -> Array:
 
 
 def numbers_of(robot: Robot, stated: SymbolicLimbs) -> dict[str, ca.DM]:
-    values = stated.values(robot)
-    assert {name: np.shape(v) for name, v in values.items()} == stated.numbers
+    values = stated.compute_robot_parameters(robot)
+    assert {name: np.shape(v) for name, v in values.items()} == stated.robot_parameter_shapes
     return {name: ca.DM(v) for name, v in values.items()}
 
 

@@ -10,7 +10,7 @@ from brute_force import brute_force
 from random_scenes import stepping_scene, tiny_instance
 
 from climbplan.instances.free_flyer import build_free_flyer_problem
-from climbplan.methods.pinning import candidate_at
+from climbplan.methods.candidate_solving import candidate_at
 from climbplan.program import Instance, Polytope, Program
 from climbplan.solvers.result import KnownResult, relative_gap
 from climbplan.solvers.tree import search as tree_search

@@ -11,7 +11,7 @@ from scipy import sparse
 
 from climbplan.errors import UsageError
 from climbplan.instances.cart_pole import MAX_STATE, PUSHED, build_walled_cart_pole
-from climbplan.methods.pinning import candidate_at
+from climbplan.methods.candidate_solving import candidate_at
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM

@@ -20,8 +20,8 @@ from climbplan.walking.kernels.toe_workspace import (
     compute_reach_violation,
     compute_stance_violation,
 )
+from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram, WalkIterate
 from climbplan.walking.offline.footing import build_footing
-from climbplan.walking.offline.pinned import PinnedProgram, WalkIterate
 from climbplan.walking.offline.sqp import guess_iterate, roll_out
 from climbplan.walking.task.task import STATE, Gait, WalkTask
 
@@ -29,12 +29,12 @@ RNG = np.random.default_rng(8)
 TASK = shorter(walk_task(integrator="mean", workspace_over_stance=True), 5)
 
 
-def trot_point(task: WalkTask = TASK) -> tuple[PinnedProgram, WalkIterate]:
+def trot_point(task: WalkTask = TASK) -> tuple[FixedContactProgram, WalkIterate]:
     gait = named("walking trot", task)
     at = guess_iterate(task, gait)
     off = RNG.normal(0, 0.03, at.state.shape)
     off[0] = 0
-    return PinnedProgram(task, gait), WalkIterate(at.state + off, at.force, at.spots)
+    return FixedContactProgram(task, gait), WalkIterate(at.state + off, at.force, at.spots)
 
 
 def test_rollout_is_that_of_the_checker() -> None:
@@ -141,7 +141,7 @@ def test_a_program_serves_again_from_another_start() -> None:
     moved = TASK.start.state.copy()
     moved[3] += 0.3
     other = replace(TASK, start=replace(TASK.start, state=moved))
-    fresh = PinnedProgram(other, program.gait).solve_qp(at)
+    fresh = FixedContactProgram(other, program.gait).solve_qp(at)
     program.solve_qp(at)
     program.restart(other)
     again = program.solve_qp(at)
@@ -155,6 +155,6 @@ def test_iterations_are_counted_and_limited() -> None:
     assert program.solve_qp(at) is not None
     needed = program.num_iterations
     assert needed > 3
-    fresh = PinnedProgram(TASK, Gait(program.gait.contact, program.gait.region))
+    fresh = FixedContactProgram(TASK, Gait(program.gait.contact, program.gait.region))
     assert fresh.solve_qp(at, max_iterations=needed // 2) is None
     assert fresh.num_iterations <= needed // 2 + 1

@@ -18,10 +18,10 @@ from climbplan.walking.dynamics.dynamics import (
     sum_contact_wrench,
 )
 from climbplan.walking.kernels.contact_phases import HELD, SWINGING, find_stance_phases
+from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram
 from climbplan.walking.offline.footing import build_gait
 from climbplan.walking.offline.gait_moves import generate_region_moves, list_contact_moves
 from climbplan.walking.offline.gaits import is_left_right_symmetric, mirror_gait
-from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.task.task import STATE, Integrator
 
 RNG = np.random.default_rng(9)
@@ -35,7 +35,7 @@ def test_rollout_over_knots_is_that_of_the_checker(integrator: Integrator) -> No
     task = replace(task, start=replace(task.start, state=state))
     toes = task.body.toe_center + RNG.normal(0, 0.05, (6, LEGS, 3))
     force = RNG.normal(0, 15, (5, LEGS, 3))
-    mine = PinnedProgram(task, named("trot", task)).roll_out(toes, force)
+    mine = FixedContactProgram(task, named("trot", task)).roll_out(toes, force)
     theirs = integrate_knots(task.body, integrator, task.dt, state, toes[:-1], force)
     np.testing.assert_allclose(mine, theirs, rtol=1e-10, atol=1e-10)
 
@@ -43,7 +43,7 @@ def test_rollout_over_knots_is_that_of_the_checker(integrator: Integrator) -> No
 def test_cost_is_the_objective() -> None:
     task = shorter(walk_task(), 5)
     state, force = RNG.normal(0, 1, (6, STATE)), RNG.normal(0, 15, (6, LEGS, 3))
-    mine = PinnedProgram(task, named("trot", task)).compute_cost(state, force)
+    mine = FixedContactProgram(task, named("trot", task)).compute_cost(state, force)
     assert mine == pytest.approx(compute_objective(task, state, force), rel=1e-12)
 
 

@@ -8,10 +8,10 @@ from walk_tasks import named, shorter, stairs_task, walk_task
 
 from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.kernels.contact_phases import SWINGING
+from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram
 from climbplan.walking.offline.footing import build_footing, build_gait
 from climbplan.walking.offline.gaits import generate_initial_gaits
 from climbplan.walking.offline.nlp import solve_nlp
-from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.offline.sqp import build_iterate, roll_out, solve_gait
 from climbplan.walking.problem.random_tasks import StartRanges, sample_start
@@ -42,7 +42,7 @@ def test_the_qp_predicts_what_the_dynamics_do() -> None:
     """About a motion that obeys the dynamics the linearisation is exact up to second order."""
     task = walk_task((0.8, 0, 0), integrator="mean")
     gait = named("trot", task)
-    program = PinnedProgram(task, gait)
+    program = FixedContactProgram(task, gait)
     settled = solve_gait(task, gait, iterations=8).trajectory
     assert settled is not None
     at = build_iterate(settled, gait)

@@ -10,7 +10,7 @@ from walk_tasks import named, shorter, walk_task
 
 from climbplan.program.linear_rows import LinearRows
 from climbplan.walking.check.checker import LIMITS
-from climbplan.walking.offline.pinned import PinnedProgram, WalkIterate
+from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram, WalkIterate
 from climbplan.walking.offline.sqp import guess_iterate, roll_out
 from climbplan.walking.online.candidate_selection import SAFE_STANCE
 from climbplan.walking.online.controller import OnlineController, OnlineSettings
@@ -28,7 +28,7 @@ RNG = np.random.default_rng(3)
 def test_planes_contain_a_true_motion(integrator: Integrator, beside: float) -> None:
     """Lines, planes and regions hold at the exact values of any motion; so do feet and friction."""
     task = shorter(walk_task(integrator=integrator, workspace_over_stance=True), 5)
-    program = PinnedProgram(task, named("walking trot", task))
+    program = FixedContactProgram(task, named("walking trot", task))
     at = guess_iterate(task, program.gait)
     for _ in range(3):
         found = program.solve_qp(at, elastic=True)

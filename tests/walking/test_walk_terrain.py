@@ -14,9 +14,9 @@ from climbplan.schema.robots.rigid_body import RigidBodySpec
 from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.check.terrain import compute_clearance_height
 from climbplan.walking.kernels.swept_terrain import compute_swing_heights
+from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram
 from climbplan.walking.offline.gaits import assign_regions, repeat_gait
 from climbplan.walking.offline.nlp import solve_nlp
-from climbplan.walking.offline.pinned import PinnedProgram
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.offline.sqp import build_iterate, solve_gait
 from climbplan.walking.planner.gaps import compute_max_toe_distance, find_widest_gap
@@ -137,7 +137,7 @@ def test_swinging_toes_of_a_tilted_body_begin_over_the_ground_beneath() -> None:
     state = walk.state.copy()
     state[:, 7] -= 0.15
     at = replace(build_iterate(walk, walk.gait), state=state)
-    program = PinnedProgram(task, walk.gait)
+    program = FixedContactProgram(task, walk.gait)
     toes = program.compute_toes(at.state, at.spots)
     assert np.linalg.norm(toes[..., :2] - walk.toes[..., :2], axis=-1).max() < 0.2
     assert np.abs(toes[..., 2] - walk.toes[..., 2]).max() < 0.2

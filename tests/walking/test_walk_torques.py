@@ -18,7 +18,7 @@ from climbplan.walking.check.torque import compute_leg_loads
 from climbplan.walking.check.verification import verify
 from climbplan.walking.kernels.joint_torque_rows import solve_leg_jacobian
 from climbplan.walking.kernels.parameters import LegChain
-from climbplan.walking.offline.pinned import PinnedProgram
+from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram
 from climbplan.walking.offline.sqp import solve_gait
 from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
 from climbplan.walking.plan.walk_plan import WalkPlan
@@ -111,11 +111,11 @@ def test_plans_keep_torque_limits_and_the_check_sees_what_does_not(planned: Walk
 def test_joints_that_are_too_fast_are_told_by_rows_and_check(planned: WalkPlan) -> None:
     task, found = planned.task, planned.trajectory
     assert task.legs is not None
-    program = PinnedProgram(task, found.gait)
+    program = FixedContactProgram(task, found.gait)
     spots = found.toes[program.footing.first, program.footing.leg, :2]
     most = (compute_leg_speeds(task.legs, task, found).speed / task.legs.max_speed).max()
     slow = replace(task, legs=replace(task.legs, max_speed=most * task.legs.max_speed))
-    told = PinnedProgram(slow, found.gait).joints.compute_speed_excess(
+    told = FixedContactProgram(slow, found.gait).joints.compute_speed_excess(
         found.state, found.toes, spots, program.tilt
     )
     assert told == pytest.approx(0.0, abs=0.05)

@@ -19,7 +19,7 @@ from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import LimitReached
 from climbplan.program import Program
 from climbplan.program.instance import Instance
-from climbplan.reformulations.pinned import PinnedForm
+from climbplan.reformulations.fixed_integers import FixedIntegerForm
 from climbplan.solvers.registry import solve
 
 _MIN_TIME = 0.05  # [s]
@@ -47,7 +47,7 @@ class CoupledProblem:
 
     def fix_choices(self, x: Array, assignment: IntArray) -> Instance:
         """Fix all choices of P: a continuous problem with products."""
-        return PinnedForm.of(self.instance).at(x, assignment, compact=True)
+        return FixedIntegerForm.of(self.instance).at(x, assignment, compact=True)
 
 
 def prepare_problem(scene: ClimbScene, margins: PostureMargins) -> CoupledProblem:

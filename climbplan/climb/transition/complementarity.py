@@ -91,8 +91,8 @@ class ComplementarityDimensions:
         }
 
     @property
-    def numbers(self) -> dict[str, tuple[int, int]]:
-        """Names and shapes of the numbers, the same in all rounds."""
+    def parameter_shapes(self) -> dict[str, tuple[int, int]]:
+        """Names and shapes of the parameters, the same in all rounds."""
         num_pairs = self.limbs * self.surfaces
         return {
             "axes": (3, 3 * num_pairs),  # columns normal, tangent, bitangent
@@ -145,8 +145,8 @@ def formulate_complementarity(shape: ComplementarityDimensions) -> StagedProgram
 
 def _state(shape: ComplementarityDimensions, penalised: bool) -> StagedProgram:
     """State the program; penalised: products, also of binaries, cost with the weight "penalty"."""
-    numbers = {**shape.numbers, **({"penalty": (1, 1)} if penalised else {})}
-    rows = RoundConstraints("complementarity", shape.kinematics, shape.variables, numbers)
+    parameters = {**shape.parameter_shapes, **({"penalty": (1, 1)} if penalised else {})}
+    rows = RoundConstraints("complementarity", shape.kinematics, shape.variables, parameters)
     pairs = _formulate_round(shape, rows)
     if penalised:
         hold = rows.symbols["hold"]

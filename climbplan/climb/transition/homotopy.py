@@ -288,7 +288,7 @@ def _build_tables(
 
 
 def _build_states(moves: BoolArray) -> tuple[State, ...]:
-    """Foothold numbers after each round: a limb's last move takes it to its goal."""
+    """Foothold indices after each round: a limb's last move takes it to its goal."""
     m, n = moves.shape
     states = np.full((m + 1, n), START)
     for j in range(m):

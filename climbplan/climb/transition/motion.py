@@ -74,7 +74,7 @@ def plan_motion(
     program = compile_motion_program(build_shape(scene, rounds, separate, link_pairs))
     formulation = program.formulation
     min_safety_torque = scene.spec.force.safety_torque if safety_torque is None else safety_torque
-    numbers = build_motion_data(
+    data = build_motion_data(
         tables,
         formulation,
         sequence,
@@ -84,9 +84,9 @@ def plan_motion(
         link_pairs,
         joint_margin,
     )
-    bounds, p = numbers.bounds, formulation.theta(numbers.parameters)
+    bounds, p = data.bounds, formulation.theta(data.parameters)
     deadline = time.monotonic() + scene.spec.solver.time_limit
-    point = program.solver.solve(numbers.start, p, bounds, deadline)
+    point = program.solver.solve(data.start, p, bounds, deadline)
     v = np.clip(point.v, bounds.lower, bounds.upper)
     rows = program.solver.rows(v, p)
     residuals = formulation.residuals(rows, (bounds.row_lower, bounds.row_upper))

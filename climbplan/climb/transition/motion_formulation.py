@@ -20,7 +20,7 @@ and s (`round_constraints.py`). In addition to the constraints of every round th
     foothold.inside        within its edges,
     foothold.stays         and stay until their limb moves
 
-One program serves all sequences with the same numbers of rounds and limbs. Which limbs move, fixed
+One program serves all sequences with the same number of rounds and limbs. Which limbs move, fixed
 toes, normals, friction and faces are parameters (`motion_data.py`), as are the constraints' bounds.
 """
 
@@ -74,7 +74,7 @@ class MotionDimensions:
 
     @property
     def every_round(self) -> dict[str, tuple[int, int]]:
-        """Names and shapes of the numbers of one round."""
+        """Names and shapes of the parameters of one round."""
         n = self.limbs
         return {
             "normal_old": (3, n),
@@ -115,7 +115,7 @@ class MotionDimensions:
 
     @property
     def common(self) -> dict[str, tuple[int, int]]:
-        """Names and shapes of the numbers of all rounds."""
+        """Names and shapes of the parameters of all rounds."""
         return {
             "hull": (3, CORNERS),  # [m]
             "lift": (1, 1),  # [m]

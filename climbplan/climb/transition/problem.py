@@ -76,7 +76,7 @@ def build_motion_problem(
     """Build the motion problem of a sequence; `read_rounds` reads a solution."""
     scene = run.scene
     formulation = formulate_motion(build_shape(scene, len(sequence.states) - 1))
-    numbers = build_motion_data(tables, formulation, sequence, scene.spec.force.safety_torque)
+    data = build_motion_data(tables, formulation, sequence, scene.spec.force.safety_torque)
 
     def check(theta: object, values: Values) -> dict[str, float]:
         with run.clock.stage("motion"):
@@ -90,7 +90,7 @@ def build_motion_problem(
             return {" ".join(str(error).split()): 1.0}
         return {c.name: 0.0 if c.passed else c.residual - c.limit for c in verification.checks}
 
-    return _build_problem(formulation, numbers.parameters, numbers.start, numbers.bounds, check)
+    return _build_problem(formulation, data.parameters, data.start, data.bounds, check)
 
 
 def build_transition_problem(

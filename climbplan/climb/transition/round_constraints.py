@@ -52,7 +52,7 @@ class RoundConstraints:
     """A stage between two poses, with its symbols by name; matrices have one column per limb."""
 
     def __init__(
-        self, name: str, kinematics: SymbolicLimbs, variables: Shapes, numbers: Shapes
+        self, name: str, kinematics: SymbolicLimbs, variables: Shapes, parameters: Shapes
     ) -> None:
         """Create the symbols of a round.
 
@@ -60,7 +60,7 @@ class RoundConstraints:
             name: Name of the stage.
             kinematics: Kinematics of the limbs.
             variables: Shapes of the variables of a round.
-            numbers: Shapes of its parameters, in addition to those of the robot.
+            parameters: Shapes of its parameters, in addition to those of the robot.
 
         Both contain the variables and parameters of `kinematics` at all points of a round, the
         columns of one point after those of another.
@@ -68,12 +68,15 @@ class RoundConstraints:
         num_limbs = kinematics.limbs
         ends = {"toe_before": (3, num_limbs), "pose_after": (6, 1), "com_before": (3, 1)}
         self._kinematics = kinematics
-        self._variables, self._numbers = variables, {**_get_robot_shapes(kinematics), **numbers}
-        shapes = {**variables, **ends, **self._numbers}
-        duplicates = (variables.keys() | ends.keys()) & self._numbers.keys()
+        self._variables, self._parameters = (
+            variables,
+            {**_get_robot_shapes(kinematics), **parameters},
+        )
+        shapes = {**variables, **ends, **self._parameters}
+        duplicates = (variables.keys() | ends.keys()) & self._parameters.keys()
         if duplicates:
             raise ValueError(
-                f"{name}: {', '.join(sorted(duplicates))} named as variable and number"
+                f"{name}: {', '.join(sorted(duplicates))} named as variable and parameter"
             )
         self.symbols: dict[str, Any] = {n: ca.SX.sym(n, *shape) for n, shape in shapes.items()}
         self.stage = Stage(name, self.symbols)
@@ -204,7 +207,7 @@ class RoundConstraints:
             name: formulation.parameter(
                 name, shape[0] * shape[1], rounds if name in every_round else 1
             )
-            for name, shape in self._numbers.items()
+            for name, shape in self._parameters.items()
         }
         formulation.add(
             self.stage,
@@ -225,7 +228,7 @@ def repeat_at_points(shapes: Shapes, points: int) -> dict[str, tuple[int, int]]:
 def _get_robot_shapes(kinematics: SymbolicLimbs) -> dict[str, tuple[int, int]]:
     by_joint = (kinematics.joints, kinematics.limbs)
     return {
-        **kinematics.numbers,
+        **kinematics.robot_parameter_shapes,
         "torque_limit": by_joint,  # over the weight [m]
         "softness": by_joint,  # times the weight [rad / m]
         "least_load": (1, 1),
@@ -237,7 +240,10 @@ def build_robot_parameters(scene: TransitionScene, first_toes: Array) -> dict[st
     """Build the parameters that all programs of a scene share, as columns; first_toes: (N, 3)."""
     robot, weights = scene.robot, scene.spec.posture.weights
     parameters = {
-        **{name: v.T.ravel() for name, v in build_symbolic_limbs(robot).values(robot).items()},
+        **{
+            name: v.T.ravel()
+            for name, v in build_symbolic_limbs(robot).compute_robot_parameters(robot).items()
+        },
         "first_toe": first_toes.ravel(),
         "first_com": scene.start.com,
         "last_pose": np.concatenate([scene.goal.com, scene.goal.rpy]),
@@ -249,9 +255,9 @@ def build_robot_parameters(scene: TransitionScene, first_toes: Array) -> dict[st
     return convert_to_columns(parameters)
 
 
-def convert_to_columns(numbers: Mapping[str, Array]) -> dict[str, Array]:
+def convert_to_columns(parameters: Mapping[str, Array]) -> dict[str, Array]:
     """Convert parameters that are equal in all rounds to columns (d, 1)."""
-    return {name: value.reshape(-1, 1) for name, value in numbers.items()}
+    return {name: value.reshape(-1, 1) for name, value in parameters.items()}
 
 
 def compute_first_pose_bounds(scene: TransitionScene) -> tuple[Array, Array]:

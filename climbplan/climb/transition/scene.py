@@ -1,4 +1,4 @@
-"""The scene of a transition: robot, terrain, start and goal postures in numbers."""
+"""The scene of a transition: robot, terrain, start and goal postures as arrays."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ _PENETRATION_TOLERANCE = 1e-3  # [m] of links into solids, as in the verificatio
 
 @dataclass(frozen=True)
 class TransitionScene(MotionScene):
-    """All numbers the transition planner starts from."""
+    """The data that the transition planner starts from."""
 
     spec: TransitionSpec
 

@@ -15,8 +15,8 @@ from climbplan.arrays import Array, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.program.row_propagation import ElementwiseRange
+from climbplan.reformulations.fixed_integers import FixedIntegerForm
 from climbplan.reformulations.local_envelopes import LocalForm
-from climbplan.reformulations.pinned import PinnedForm
 from climbplan.solvers.convex.sessions import ConvexBackend, create_session
 
 PIECES = 8  # number of pieces of a factor's range, as published for angles and normals
@@ -42,7 +42,7 @@ class EnvelopeSolver:
     ) -> None:
         """Prepare the pinned form of an instance and a session of the backend."""
         self._pieces = pieces
-        self._pinned = PinnedForm.of(instance)
+        self._pinned = FixedIntegerForm.of(instance)
         self._session = create_session(backend)
         products = instance.products
         self._factors = np.unique(np.concatenate([products.first, products.second]))

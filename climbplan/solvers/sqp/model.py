@@ -13,7 +13,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
-from climbplan.reformulations.pinned import PinnedForm
+from climbplan.reformulations.fixed_integers import FixedIntegerForm
 from climbplan.solvers.sqp.elimination import eliminate_equations, multiply_sparse, propagate_fixed
 
 _MAX_ENTRIES = 4_000_000  # largest number of entries of a dense matrix
@@ -125,7 +125,7 @@ class ReducedModel:
 class SqpForm:
     """All rows of one instance, dense; built once for all its integers."""
 
-    pinned: PinnedForm
+    pinned: FixedIntegerForm
     A: Array
     Q: Array
     P: Array
@@ -138,7 +138,7 @@ class SqpForm:
         Raises:
             UsageError: The instance is too large for dense matrices.
         """
-        pinned = PinnedForm.of(instance)
+        pinned = FixedIntegerForm.of(instance)
         n, (m, K) = instance.size, pinned.Q.shape
         if m * (n + K) > _MAX_ENTRIES:
             raise UsageError(f"{instance.name}: too large for the dense SQP: use ipopt")

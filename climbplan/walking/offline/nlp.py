@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.walking.check.checker import is_feasible
+from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram, WalkIterate
 from climbplan.walking.offline.gaits import (
     assign_regions,
     build_gait_phases,
@@ -29,7 +30,6 @@ from climbplan.walking.offline.nlp_program import (
     compile_nlp,
     split_variables,
 )
-from climbplan.walking.offline.pinned import PinnedProgram, WalkIterate
 from climbplan.walking.offline.sqp import (
     COARSE_TOLERANCE,
     REACH_SLACK,
@@ -89,7 +89,7 @@ class NlpSolver:
             return WalkAnswer(None, np.inf, time.perf_counter() - begin, message, tried=1)
         if np.array_equal(contact, start.contact):
             gait = start
-        program_of_gait = PinnedProgram(task, gait)
+        program_of_gait = FixedContactProgram(task, gait)
         footing = program_of_gait.footing
         polished = _polish(
             task,

@@ -32,7 +32,7 @@ from climbplan.walking.dynamics.dynamics import (
     single_stage_knot_step,
     sum_contact_wrench,
 )
-from climbplan.walking.offline.pinned import FACETS, PinnedProgram, WalkIterate
+from climbplan.walking.offline.fixed_contact_qp import FACETS, FixedContactProgram, WalkIterate
 from climbplan.walking.task.task import ANGLE_RANGE, STATE, Gait, WalkTask
 
 EPSILON = 1e-3  # of c (1 - c) <= eps
@@ -319,7 +319,7 @@ def build_parameters(task: WalkTask, gait: Gait, iterate: WalkIterate) -> dict[s
 
 def _toes(task: WalkTask, gait: Gait, iterate: WalkIterate) -> Array:
     """Return all toes (N + 1, L, 3) of a motion, raised above the terrain under their swings."""
-    program = PinnedProgram(task, gait)
+    program = FixedContactProgram(task, gait)
     toes = program.compute_toes(iterate.state, iterate.spots)
     while program.raise_swing_heights(toes):
         toes = program.compute_toes(iterate.state, iterate.spots)

@@ -15,6 +15,7 @@ import numpy as np
 
 from climbplan.arrays import BoolArray
 from climbplan.walking.check.checker import is_feasible
+from climbplan.walking.offline.fixed_contact_qp import WalkIterate
 from climbplan.walking.offline.footing import build_gait
 from climbplan.walking.offline.gait_moves import (
     find_neighbour_regions,
@@ -27,7 +28,6 @@ from climbplan.walking.offline.gaits import (
     generate_initial_gaits,
     has_enough_contacts,
 )
-from climbplan.walking.offline.pinned import WalkIterate
 from climbplan.walking.offline.sqp import COARSE_TOLERANCE, GaitAnswer, build_iterate, solve_gait
 from climbplan.walking.offline.warm_up import warm_up
 from climbplan.walking.plan.answer import Improvement, WalkAnswer

@@ -8,8 +8,8 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram, WalkIterate
 from climbplan.walking.offline.footing import build_footing
-from climbplan.walking.offline.pinned import PinnedProgram, WalkIterate
 from climbplan.walking.task.task import POSITION, STATE, VELOCITY, Gait, WalkTask, WalkTrajectory
 
 CONVERGENCE_TOLERANCE = 1e-7  # largest change of a state
@@ -64,7 +64,7 @@ def solve_gait(
     Returns:
         The trajectory and its violation.
     """
-    program = PinnedProgram(task, gait, margin)
+    program = FixedContactProgram(task, gait, margin)
     iterate = start if start is not None else guess_iterate(task, gait)
     has_converged, num_iterations, step_size, last_change = False, 0, 1.0, np.inf
     for num_iterations in range(1, iterations + 1):
@@ -105,7 +105,7 @@ def interpolate_iterates(first: WalkIterate, second: WalkIterate, fraction: floa
     )
 
 
-def roll_out(program: PinnedProgram, iterate: WalkIterate) -> WalkTrajectory:
+def roll_out(program: FixedContactProgram, iterate: WalkIterate) -> WalkTrajectory:
     """Return the trajectory under the forces and footholds of an iterate."""
     toes = program.compute_toes(iterate.state, iterate.spots)
     state = program.roll_out(toes, iterate.force)

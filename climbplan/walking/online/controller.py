@@ -18,9 +18,9 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 from climbplan.walking.kernels.body import NUM_SUBSTEPS, integrate_rk4
+from climbplan.walking.offline.fixed_contact_qp import WalkIterate
 from climbplan.walking.offline.footing import build_footing
 from climbplan.walking.offline.gaits import repeat_gait
-from climbplan.walking.offline.pinned import WalkIterate
 from climbplan.walking.online.candidate_selection import (
     NAMED_GAIT,
     PLAN_CONTINUES,

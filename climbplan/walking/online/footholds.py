@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
+from climbplan.walking.offline.fixed_contact_qp import WalkIterate
 from climbplan.walking.offline.footing import build_gait
 from climbplan.walking.offline.gaits import assign_regions
-from climbplan.walking.offline.pinned import WalkIterate
 from climbplan.walking.online.gait_adaptation import build_flat_gait
 from climbplan.walking.problem.problem import compute_ground_height
 from climbplan.walking.task.ground import Ground

@@ -7,8 +7,8 @@ import numpy as np
 from climbplan.arrays import BoolArray
 from climbplan.walking.kernels.contact_phases import shift_horizon
 from climbplan.walking.kernels.toe_workspace import check_reach
+from climbplan.walking.offline.fixed_contact_qp import WalkIterate
 from climbplan.walking.offline.footing import build_footing, build_gait
-from climbplan.walking.offline.pinned import WalkIterate
 from climbplan.walking.online.gait_solver import REACH_TOLERANCE
 from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
 

@@ -19,7 +19,7 @@ from climbplan.arrays import Array
 from climbplan.walking.kernels.body import NUM_SUBSTEPS
 from climbplan.walking.kernels.continuous_rollout import validate_by_rollout
 from climbplan.walking.kernels.parameters import LinearisationPoint
-from climbplan.walking.offline.pinned import PinnedProgram, WalkIterate
+from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram, WalkIterate
 from climbplan.walking.offline.sqp import guess_iterate
 from climbplan.walking.published.program import PublishedProgram
 from climbplan.walking.task.task import Gait, WalkTask, WalkTrajectory
@@ -107,14 +107,14 @@ class GaitSolver:
                 choose.
         """
         self._margin, self._neighbour_region_fraction = margin, neighbour_region_fraction
-        self._programs: OrderedDict[bytes, PinnedProgram] = OrderedDict()
+        self._programs: OrderedDict[bytes, FixedContactProgram] = OrderedDict()
         self._published_programs: OrderedDict[bytes, PublishedProgram] = OrderedDict()
 
-    def prepare_program(self, task: WalkTask, gait: Gait) -> PinnedProgram:
+    def prepare_program(self, task: WalkTask, gait: Gait) -> FixedContactProgram:
         """Return the fixed-integer program of a gait from the task's start, cached if possible."""
         program = self._programs.get(gait.key)
         if program is None:
-            program = PinnedProgram(task, gait, self._margin)
+            program = FixedContactProgram(task, gait, self._margin)
             self._programs[gait.key] = program
             if len(self._programs) > _CACHE_SIZE:
                 self._programs.popitem(last=False)
@@ -124,7 +124,7 @@ class GaitSolver:
         return program
 
     def initialise_progress(
-        self, task: WalkTask, program: PinnedProgram, initial_iterate: WalkIterate | None
+        self, task: WalkTask, program: FixedContactProgram, initial_iterate: WalkIterate | None
     ) -> SqpProgress:
         """Start the SQP of a gait.
 
@@ -143,7 +143,7 @@ class GaitSolver:
     def solve(
         self,
         task: WalkTask,
-        program: PinnedProgram,
+        program: FixedContactProgram,
         progress: SqpProgress,
         max_qps: int,
         budget: IterationBudget,
@@ -195,7 +195,7 @@ class GaitSolver:
     def solve_published(
         self,
         task: WalkTask,
-        program: PinnedProgram,
+        program: FixedContactProgram,
         initial_iterate: WalkIterate,
         budget: IterationBudget,
     ) -> GaitSolution | None:
@@ -213,7 +213,7 @@ class GaitSolver:
         return None if answer.iterate is None else self.validate(task, program, answer.iterate)
 
     def validate(
-        self, task: WalkTask, program: PinnedProgram, iterate: WalkIterate
+        self, task: WalkTask, program: FixedContactProgram, iterate: WalkIterate
     ) -> GaitSolution | None:
         """Validate an iterate: roll out its forces in continuous time and compare with its states.
 
@@ -253,7 +253,7 @@ class GaitSolver:
         )
 
 
-def fit_iterate(task: WalkTask, program: PinnedProgram, iterate: WalkIterate) -> WalkIterate:
+def fit_iterate(task: WalkTask, program: FixedContactProgram, iterate: WalkIterate) -> WalkIterate:
     """Return the iterate with forces and footholds of the program's standing legs only."""
     standing = program.gait.contact[:-1]
     force: Array = np.where(standing[..., None], iterate.force, 0.0)

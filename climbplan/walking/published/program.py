@@ -20,7 +20,7 @@ from climbplan.program.linear_rows import Block, LinearRows, Terms
 from climbplan.program.residuals import BlockResidual, compute_violation
 from climbplan.solvers.convex.osqp import run_osqp
 from climbplan.walking.kernels.contact_phases import HELD, SWINGING
-from climbplan.walking.offline.pinned import FACETS, PinnedProgram, WalkIterate
+from climbplan.walking.offline.fixed_contact_qp import FACETS, FixedContactProgram, WalkIterate
 from climbplan.walking.published.layout import (
     ENTRIES,
     SQUARES,
@@ -75,7 +75,9 @@ class PublishedAnswer:
 class PublishedProgram:
     """The published program of a gait."""
 
-    def __init__(self, program: PinnedProgram, neighbour_region_fraction: float = 0.0) -> None:
+    def __init__(
+        self, program: FixedContactProgram, neighbour_region_fraction: float = 0.0
+    ) -> None:
         """State all rows of the program.
 
         Args:

@@ -21,7 +21,7 @@ from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.nlp.check import check_postures, compute_posture_cost
 from climbplan.climb.postures.nlp.layout import build_variable_layout
 from climbplan.climb.postures.nlp.method import plan_postures_nlp, refine_attempt, solve_from
-from climbplan.climb.postures.nlp.numbers import (
+from climbplan.climb.postures.nlp.parameters import (
     build_initial_point,
     build_parameters,
     build_shape,

@@ -105,7 +105,7 @@ def build_number_layout(shape: NlpStructure) -> MatrixLayout:
     return MatrixLayout(
         (
             *((name, (3, n)) for name in per_limb),
-            *shape.kinematics.numbers.items(),
+            *shape.kinematics.robot_parameter_shapes.items(),
             ("hull", (3, shape.num_hull_corners)),
             ("axis", (2, 1)),
             ("radius", (1, 1)),

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.explanation import DEFAULT_STEPS
 from climbplan.climb.postures.nlp.check import Violation, check_postures, compute_posture_cost
-from climbplan.climb.postures.nlp.numbers import (
+from climbplan.climb.postures.nlp.parameters import (
     JOINT_MARGINS,
     Guess,
     build_initial_point,

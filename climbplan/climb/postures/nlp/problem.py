@@ -11,7 +11,7 @@ from collections.abc import Mapping
 
 from climbplan.arrays import Array
 from climbplan.climb.postures.nlp.check import check_postures
-from climbplan.climb.postures.nlp.numbers import (
+from climbplan.climb.postures.nlp.parameters import (
     JOINT_MARGINS,
     Guess,
     build_initial_point,
@@ -26,7 +26,7 @@ from climbplan.program.problem import Problem
 
 
 def build_posture_problem(scene: ClimbScene, guess: Guess) -> tuple[Problem, dict[str, Array]]:
-    """Return the problem of a scene and its parameters; `numbers.extract_rounds` gives its
+    """Return the problem of a scene and its parameters; `parameters.extract_rounds` gives its
     postures.
 
     Variables of round j are com{j} (3,) [m], rpy{j} (3,) [rad], toes{j} (3 N,) [m], limb by limb,

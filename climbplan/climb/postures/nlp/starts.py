@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.plan.climb_plan import Rounds
-from climbplan.climb.postures.nlp.numbers import Guess, project_onto_surfaces
+from climbplan.climb.postures.nlp.parameters import Guess, project_onto_surfaces
 from climbplan.climb.postures.planner import LINEAR_ROTATION_LIMIT, plan_postures
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import NoPlanFound

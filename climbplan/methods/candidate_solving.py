@@ -14,14 +14,14 @@ from climbplan.methods.local import create_local_method
 from climbplan.program.instance import Instance
 from climbplan.solvers.result import Answer, SolverResult, judge_answer
 
-PinnedSolver = Literal["ipopt", "sqp", "clarabel", "daqp", "osqp"]
-PINNED_SOLVERS: tuple[PinnedSolver, ...] = get_args(PinnedSolver)
+FixedIntegerSolver = Literal["ipopt", "sqp", "clarabel", "daqp", "osqp"]
+FIXED_INTEGER_SOLVERS: tuple[FixedIntegerSolver, ...] = get_args(FixedIntegerSolver)
 
 
 def solve_candidate(
     instance: Instance,
     candidate: Candidate,
-    solver: PinnedSolver | None = None,
+    solver: FixedIntegerSolver | None = None,
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = 1e-6,

@@ -66,7 +66,7 @@ class WalkIterate:
 
 
 @dataclass(frozen=True)
-class PinnedQp:
+class FixedContactQp:
     """A QP: min 1/2 z'Hz + g'z with bounds and rows; states are offset + sensitivity z.
 
     Its arrays are those of the program, which the next linearisation overwrites.
@@ -81,7 +81,7 @@ class PinnedQp:
     sensitivity: Array  # (N + 1, 12, Z)
 
 
-class PinnedProgram:
+class FixedContactProgram:
     """The program of one gait of a task."""
 
     def __init__(self, task: WalkTask, gait: Gait, margin: float = 0.0) -> None:
@@ -240,7 +240,7 @@ class PinnedProgram:
             )
         )
 
-    def build_qp(self, iterate: WalkIterate) -> PinnedQp:
+    def build_qp(self, iterate: WalkIterate) -> FixedContactQp:
         """Return the QP of the linearisation about an iterate."""
         task, qp = self.task, self._qp
         weights, foothold = task.weights, self.footing.foothold
@@ -346,7 +346,11 @@ class PinnedProgram:
         return self.build_iterate(qp, z)
 
     def _minimise(
-        self, qp: PinnedQp, multipliers: Array | None, max_iterations: int, workspace_sense: int = 0
+        self,
+        qp: FixedContactQp,
+        multipliers: Array | None,
+        max_iterations: int,
+        workspace_sense: int = 0,
     ) -> tuple[Array, int]:
         """Solve the QP by DAQP, from the active set of multipliers if these are given.
 
@@ -385,12 +389,12 @@ class PinnedProgram:
         )
         return z, _SOLVED if is_solved else min(flag, _UNSOLVED)
 
-    def build_iterate(self, qp: PinnedQp, z: Array) -> WalkIterate:
+    def build_iterate(self, qp: FixedContactQp, z: Array) -> WalkIterate:
         """Return the iterate of a solution, with the states that the QP predicts."""
         force, spots = self.split_solution(z)
         return WalkIterate(qp.offset + qp.sensitivity @ z, force, spots)
 
-    def _allocate_qp(self) -> PinnedQp:
+    def _allocate_qp(self) -> FixedContactQp:
         """Return the arrays of the QP with what no linearisation changes: friction and bounds."""
         knots, contact = self.task.knots, self.gait.contact
         num_standing, num_lifted = contact[1:].sum(), (~contact[1:]).sum()
@@ -430,7 +434,7 @@ class PinnedProgram:
             rows[first : first + sides, column : column + 2] = region_sides[region[k], :, :2]
             side_rows = slice(self.num_unknowns + first, self.num_unknowns + first + sides)
             upper[side_rows] = region_sides[region[k], :, 2] / FOOT_SCALE
-        return PinnedQp(
+        return FixedContactQp(
             np.zeros((self.num_unknowns, self.num_unknowns)),
             np.zeros(self.num_unknowns),
             lower,
@@ -460,7 +464,7 @@ def _build_facets(friction: float) -> Array:
 
 
 def _solve_daqp(
-    qp: PinnedQp, unit: Array | None, sense: NDArray[np.int32], max_iterations: int
+    qp: FixedContactQp, unit: Array | None, sense: NDArray[np.int32], max_iterations: int
 ) -> tuple[Array, int, Mapping[str, Any]]:
     """Solve a QP by DAQP.
 

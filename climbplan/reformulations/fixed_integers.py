@@ -20,7 +20,7 @@ from climbplan.reformulations.extension import create_no_implications
 
 
 @dataclass(frozen=True)
-class PinnedForm:
+class FixedIntegerForm:
     """Every row that some assignment of integers may activate, built once for an instance."""
 
     source: Instance
@@ -33,7 +33,7 @@ class PinnedForm:
     alternative: IntArray  # (a,)
 
     @classmethod
-    def of(cls, instance: Instance) -> PinnedForm:
+    def of(cls, instance: Instance) -> FixedIntegerForm:
         """Collect the rows of an instance."""
         implications = instance.implications
         A, lower, upper = [instance.A, implications.A], [instance.row_lower], [instance.row_upper]
@@ -146,7 +146,7 @@ class PinnedForm:
 
 
 @dataclass(frozen=True)
-class Pinned(Reformulation[Reformulated]):
+class FixedIntegers(Reformulation[Reformulated]):
     """Integers fixed to `values` (n,), choices to `alternatives` (C,)."""
 
     values: Array
@@ -154,7 +154,7 @@ class Pinned(Reformulation[Reformulated]):
     compact: bool = False
 
     @classmethod
-    def at_point(cls, instance: Instance, x: Array) -> Pinned:
+    def at_point(cls, instance: Instance, x: Array) -> FixedIntegers:
         """Fix the integers to those of a point, or the nearest ones."""
         return cls(x, instance.assignment(x))
 
@@ -163,6 +163,6 @@ class Pinned(Reformulation[Reformulated]):
         return len(self.values) == instance.size and len(self.alternatives) == len(instance.choices)
 
     def apply(self, instance: Instance) -> Reformulated:
-        """Build the continuous rest; use `PinnedForm` for many assignments of one instance."""
-        pinned = PinnedForm.of(instance).at(self.values, self.alternatives, self.compact)
+        """Build the continuous rest; use `FixedIntegerForm` for many assignments."""
+        pinned = FixedIntegerForm.of(instance).at(self.values, self.alternatives, self.compact)
         return Reformulated(pinned, instance.size, relaxation=False)

@@ -11,8 +11,8 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.strategy import Candidate
+from climbplan.methods.candidate_solving import candidate_at, drop_duplicates
 from climbplan.methods.envelope_rounds import build_default_partitions
-from climbplan.methods.pinning import candidate_at, drop_duplicates
 from climbplan.methods.pipeline import CheckedPoint
 from climbplan.methods.reduced_programs import ReducedPrograms
 from climbplan.methods.task import Method, Outcome, Task, format_origin, solve_candidates
@@ -28,7 +28,7 @@ REDUCED = "reduced programs"  # what `Kept` has them by
 _MORE_CLUSTERS = 4  # of reduce, while none gave an answer
 
 
-def solve_pinned_candidates(task: Task) -> Outcome:
+def solve_fixed_integer_candidates(task: Task) -> Outcome:
     """Fix the integers of candidates, of the problem's guess and of neighbours; keep the best."""
     candidates = list(task.settings.candidates)
     origins = {id(c): f"candidate {k}" for k, c in enumerate(candidates, 1)}

@@ -95,23 +95,23 @@ def build_shape(scene: ClimbScene) -> NlpStructure:
 
 
 def build_parameters(scene: ClimbScene, guess: Guess) -> dict[str, Array]:
-    """Return the parameters of a scene's NLP: start, fixed choices (P, M) and all numbers."""
+    """Return the parameters of a scene's NLP: start, fixed choices (P, M), values of all rounds."""
     shape, start = build_shape(scene), scene.start
     posture = {"com": start.com[:, None], "rpy": start.rpy[:, None], "toes": start.toes.T}
     return {
         "start": build_posture_layout(shape.limbs).pack(posture)[:, None],
         "pins": build_pin_layout(shape).pack(_build_pins(scene, guess)).T,
-        "numbers": build_number_layout(shape).pack(_build_numbers(scene))[:, None],
+        "numbers": build_number_layout(shape).pack(_build_common_parameters(scene))[:, None],
     }
 
 
-def _build_numbers(scene: ClimbScene) -> dict[str, Array]:
+def _build_common_parameters(scene: ClimbScene) -> dict[str, Array]:
     """Return the parameters that hold for all rounds, by name."""
     spec, robot, goal = scene.spec.posture, scene.robot, scene.goal
     steps, wall = spec.steps, scene.terrain.surfaces[0]
     tube = wall if isinstance(wall, Tube) else None
     arrays = {
-        **build_symbolic_limbs(robot).values(robot),
+        **build_symbolic_limbs(robot).compute_robot_parameters(robot),
         "first_joint": robot.shoulder_body.T,
         "stance": robot.stance_body.T,
         "hull": robot.body_hull.T,

@@ -1,1 +1,1 @@
-"""Methods for any stated problem: candidates, pinned programs, conflicts, the exact check."""
+"""Methods for any stated problem: candidates, fixed integers, conflicts, the exact check."""

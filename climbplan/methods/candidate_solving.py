@@ -49,7 +49,7 @@ def solve_candidate(
     solution = local.solve(candidate, np.inf)
     answer = Answer(
         x=solution.x,
-        bound=-np.inf,  # what the solver proves is about the pinned program only
+        bound=-np.inf,  # what the solver proves is about the program with fixed integers
         infeasible=False,
         nodes=solution.programs,
         time=time.perf_counter() - begin,

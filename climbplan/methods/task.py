@@ -248,7 +248,7 @@ def solve_candidates(
     last = pipeline_result.tried[pipeline_result.winner]  # without a winner the last one
     answer = Answer(
         x=pipeline_result.x,
-        bound=-np.inf,  # what solvers prove is about the pinned programs only
+        bound=-np.inf,  # what solvers prove is about programs with fixed integers
         infeasible=False,
         nodes=sum(tried.programs for tried in pipeline_result.tried),
         time=time.perf_counter() - task.begin,

@@ -36,7 +36,7 @@ class SplitInstance:
     span: Array  # (n,) width of the variables' bounds, 1 without bounds: unit of residuals
 
     def build_mixed_integer_block(
-        self, consensus: Consensus, norm: Norm = "l2", pinned: Array | None = None
+        self, consensus: Consensus, norm: Norm = "l2", integer_point: Array | None = None
     ) -> Instance:
         """Build the block of eq. (6.12a).
 
@@ -44,7 +44,7 @@ class SplitInstance:
             consensus: Weights and target.
             norm: l2 adds weight (x - target)^2 to the cost; l1 adds weight |x - target| with one
                 more variable each, which keeps a linear program linear.
-            pinned: (n,) point whose integers are fixed.
+            integer_point: (n,) point whose integers are fixed.
         """
         block, num_auxiliary = (
             self.relaxed.instance,
@@ -58,10 +58,10 @@ class SplitInstance:
             q=consensus.share * block.q,
             constant=consensus.share * block.constant,
         )
-        if pinned is not None:
+        if integer_point is not None:
             fixed = np.flatnonzero(self.instance.integer)
             lower, upper = block.lower.copy(), block.upper.copy()
-            lower[fixed] = upper[fixed] = np.round(pinned[fixed])
+            lower[fixed] = upper[fixed] = np.round(integer_point[fixed])
             block = replace(block, lower=lower, upper=upper)
         if norm == "l2":
             return replace(

@@ -164,5 +164,7 @@ class FixedIntegers(Reformulation[Reformulated]):
 
     def apply(self, instance: Instance) -> Reformulated:
         """Build the continuous rest; use `FixedIntegerForm` for many assignments."""
-        pinned = FixedIntegerForm.of(instance).at(self.values, self.alternatives, self.compact)
-        return Reformulated(pinned, instance.size, relaxation=False)
+        fixed_instance = FixedIntegerForm.of(instance).at(
+            self.values, self.alternatives, self.compact
+        )
+        return Reformulated(fixed_instance, instance.size, relaxation=False)

@@ -129,8 +129,8 @@ def _repair_solution(prepared: CoupledProblem, x: Array, time_limit: float) -> I
     instance = prepared.instance
     first = x[: instance.size]
     assignment = instance.assignment(first)
-    pinned = prepared.fix_choices(first, assignment)
-    point = solve_nonlinear(pinned, first, time_limit)
-    if point is None or pinned.violation(point) > TOLERANCE:
+    fixed_instance = prepared.fix_choices(first, assignment)
+    point = solve_nonlinear(fixed_instance, first, time_limit)
+    if point is None or fixed_instance.violation(point) > TOLERANCE:
         return None
     return IntegralPoint(point, assignment, "MICP, IPOPT")

@@ -36,14 +36,16 @@ class IntegralPoint:
 
 
 def solve_first_stage(
-    prepared: CoupledProblem, pinned: Instance, envelope: Envelope
+    prepared: CoupledProblem, fixed_instance: Instance, envelope: Envelope
 ) -> Array | None:
     """Solve P1 with fixed regions (n,), a convex program; None without a solution."""
-    within = compute_envelope_range(prepared.program, pinned, envelope, prepared.origin)
+    within = compute_envelope_range(prepared.program, fixed_instance, envelope, prepared.origin)
     if (within.lower > within.upper).any():
         return None
-    solution = solve_convex(LocalForm.of(pinned).at(within), "clarabel", tolerance=TOLERANCE).x
-    return None if solution is None else solution[: pinned.size]
+    solution = solve_convex(
+        LocalForm.of(fixed_instance).at(within), "clarabel", tolerance=TOLERANCE
+    ).x
+    return None if solution is None else solution[: fixed_instance.size]
 
 
 def solve_first_stage_with_regions(
@@ -61,30 +63,30 @@ def solve_first_stage_with_regions(
     return IntegralPoint(solution.x[: instance.size], solution.assignment, "branch and bound")
 
 
-def solve_second_stage(program: Program, pinned: Instance, x: Array) -> Array | None:
+def solve_second_stage(program: Program, fixed_instance: Instance, x: Array) -> Array | None:
     """Solve P2, which is convex: forces at the postures of P1; None if none balance."""
     force = program.variables["force"]
-    is_fixed = np.ones(pinned.size, bool)
+    is_fixed = np.ones(fixed_instance.size, bool)
     for name in ("force", "moment"):  # moments of feet of finite size follow their forces
         if name in program.variables:
             block = program.variables[name]
             is_fixed[block.start : block.stop] = False
     fixed_columns = np.flatnonzero(is_fixed)
-    if pinned.P.indptr[force.stop] > pinned.P.indptr[force.start]:
+    if fixed_instance.P.indptr[force.stop] > fixed_instance.P.indptr[force.start]:
         solution = solve_convex(
-            fix_factors(pinned, x, fixed_columns), "clarabel", tolerance=TOLERANCE
+            fix_factors(fixed_instance, x, fixed_columns), "clarabel", tolerance=TOLERANCE
         ).x
     else:
-        answer = minimise_product_error(pinned, x, fixed_columns)
+        answer = minimise_product_error(fixed_instance, x, fixed_columns)
         solution = None if answer is None else answer[0]
-    if solution is None or pinned.violation(solution) > TOLERANCE:
+    if solution is None or fixed_instance.violation(solution) > TOLERANCE:
         return None
     return solution
 
 
-def solve_nonlinear(pinned: Instance, start: Array, time_limit: float) -> Array | None:
+def solve_nonlinear(fixed_instance: Instance, start: Array, time_limit: float) -> Array | None:
     """Solve for toes and forces together by IPOPT; None if it finds no point of P."""
-    return solve_ipopt(pinned, start=start, time_limit=time_limit).x
+    return solve_ipopt(fixed_instance, start=start, time_limit=time_limit).x
 
 
 def repair_candidate(
@@ -92,13 +94,13 @@ def repair_candidate(
 ) -> IntegralPoint | None:
     """Repair a point of P1 to one of P: by P2, or with `local` (or if P2 fails) by IPOPT."""
     begin = time.monotonic()
-    pinned = prepared.fix_choices(first.x, first.assignment)
+    fixed_instance = prepared.fix_choices(first.x, first.assignment)
     if not local:
-        solution = solve_second_stage(prepared.program, pinned, first.x)
+        solution = solve_second_stage(prepared.program, fixed_instance, first.x)
         if solution is not None:
             return IntegralPoint(solution, first.assignment, f"{first.method}, P2 convex")
     remaining = time_limit - (time.monotonic() - begin)
-    solution = solve_nonlinear(pinned, first.x, remaining) if remaining > 0 else None
+    solution = solve_nonlinear(fixed_instance, first.x, remaining) if remaining > 0 else None
     return (
         None
         if solution is None
@@ -111,8 +113,8 @@ def solve_two_stages(
 ) -> IntegralPoint | None:
     """Solve P1 and P2 with the regions of the postures alone; if P1 fails, with its own."""
     begin = time.monotonic()
-    pinned = prepared.fix_choices(prepared.guess, prepared.assignment)
-    x = solve_first_stage(prepared, pinned, envelope)
+    fixed_instance = prepared.fix_choices(prepared.guess, prepared.assignment)
+    x = solve_first_stage(prepared, fixed_instance, envelope)
     if x is not None:
         candidate = IntegralPoint(x, prepared.assignment, "P1 convex")
         candidate_found = repair_candidate(prepared, candidate, time_limit, local)

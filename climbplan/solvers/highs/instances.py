@@ -321,7 +321,7 @@ def _complete_integers(
     lower, upper = instance.lower.copy(), instance.upper.copy()
     lower[instance.integer] = upper[instance.integer] = integers
     no_integer = np.zeros(instance.size, bool)
-    pinned = replace(instance, lower=lower, upper=upper, integer=no_integer)
+    fixed_instance = replace(instance, lower=lower, upper=upper, integer=no_integer)
     if linear:
-        return _solve_continuous(pinned, time.perf_counter(), max(time_left, _MIN_TIME)).x
-    return solve_convex(pinned, "clarabel").x
+        return _solve_continuous(fixed_instance, time.perf_counter(), max(time_left, _MIN_TIME)).x
+    return solve_convex(fixed_instance, "clarabel").x

@@ -1,1 +1,1 @@
-"""IPOPT through CasADi: pinned programs, complementarity, and smooth programs of one's own."""
+"""IPOPT through CasADi: fixed integers, complementarity, and smooth programs of one's own."""

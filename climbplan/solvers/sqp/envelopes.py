@@ -40,9 +40,9 @@ class EnvelopeSolver:
     def __init__(
         self, instance: Instance, backend: ConvexBackend = "daqp", pieces: int = PIECES
     ) -> None:
-        """Prepare the pinned form of an instance and a session of the backend."""
+        """Prepare the form with fixed integers of an instance and a session of the backend."""
         self._pieces = pieces
-        self._pinned = FixedIntegerForm.of(instance)
+        self._fixed_form = FixedIntegerForm.of(instance)
         self._session = create_session(backend)
         products = instance.products
         self._factors = np.unique(np.concatenate([products.first, products.second]))
@@ -58,24 +58,26 @@ class EnvelopeSolver:
         Raises:
             UsageError: A factor has no bounds.
         """
-        pinned = self._pinned.at(values, alternatives)
-        if (pinned.lower > pinned.upper).any():
+        fixed_instance = self._fixed_form.at(values, alternatives)
+        if (fixed_instance.lower > fixed_instance.upper).any():
             return EnvelopeAnswer(None, "contradiction")
-        low, high = pinned.lower.copy(), pinned.upper.copy()
+        low, high = fixed_instance.lower.copy(), fixed_instance.upper.copy()
         factors = self._factors
         reach = (high[factors] - low[factors]) / self._pieces
         if not np.isfinite(reach).all():
-            raise UsageError(f"{pinned.name}: envelopes need bounds on all factors of products")
+            raise UsageError(
+                f"{fixed_instance.name}: envelopes need bounds on all factors of products"
+            )
         center = np.clip(start[factors], low[factors], high[factors])
         low[factors], high[factors] = (
             np.maximum(low[factors], center - reach),
             np.minimum(high[factors], center + reach),
         )
-        if not pinned.products.count:
-            answer = self._session.solve(pinned)
+        if not fixed_instance.products.count:
+            answer = self._session.solve(fixed_instance)
         else:
             box = ElementwiseRange(low, high)
-            answer = self._session.solve(LocalForm.of(pinned).at(box))
+            answer = self._session.solve(LocalForm.of(fixed_instance).at(box))
         if answer.x is None:
             return EnvelopeAnswer(None, "contradiction" if answer.infeasible else "failed")
-        return EnvelopeAnswer(np.array(answer.x[: pinned.size]), "solved")
+        return EnvelopeAnswer(np.array(answer.x[: fixed_instance.size]), "solved")

@@ -97,7 +97,7 @@ class SqpSolver:
             cutoff: Cost of a feasible linearisation above which the search ends.
         """
         begin = time.perf_counter()
-        integer = self.form.pinned.source.integer
+        integer = self.form.fixed_form.source.integer
         key = (values[integer] > 0.5).tobytes() + np.asarray(alternatives, np.int64).tobytes()
         if key not in self._models:
             self._models[key] = self.form.fix_integers(values, alternatives)

@@ -125,7 +125,7 @@ class ReducedModel:
 class SqpForm:
     """All rows of one instance, dense; built once for all its integers."""
 
-    pinned: FixedIntegerForm
+    fixed_form: FixedIntegerForm
     A: Array
     Q: Array
     P: Array
@@ -138,8 +138,8 @@ class SqpForm:
         Raises:
             UsageError: The instance is too large for dense matrices.
         """
-        pinned = FixedIntegerForm.of(instance)
-        n, (m, K) = instance.size, pinned.Q.shape
+        fixed_form = FixedIntegerForm.of(instance)
+        n, (m, K) = instance.size, fixed_form.Q.shape
         if m * (n + K) > _MAX_ENTRIES:
             raise UsageError(f"{instance.name}: too large for the dense SQP: use ipopt")
         balls = tuple(
@@ -147,11 +147,13 @@ class SqpForm:
             for b in instance.balls
             if b.count
         )
-        return cls(pinned, pinned.A.toarray(), pinned.Q.toarray(), instance.P.toarray(), balls)
+        return cls(
+            fixed_form, fixed_form.A.toarray(), fixed_form.Q.toarray(), instance.P.toarray(), balls
+        )
 
     def fix_integers(self, values: Array, alternatives: IntArray) -> ReducedModel | None:
         """Return the model at the integers of values (n,); None if linear rows alone contradict."""
-        form, source = self.pinned, self.pinned.source
+        form, source = self.fixed_form, self.fixed_form.source
         is_active = form.find_active(values, alternatives)
         A, Q = self.A[is_active], self.Q[is_active]
         lower, upper = form.lower[is_active], form.upper[is_active]
@@ -168,7 +170,7 @@ class SqpForm:
         self, A: Array, Q: Array, lower: Array, upper: Array, low: Array, high: Array
     ) -> ReducedModel | None:
         """Eliminate fixed variables and linear equations; None if linear rows contradict."""
-        source = self.pinned.source
+        source = self.fixed_form.source
         first, second = source.products.first, source.products.second
         fixed = low == high
         n = source.size

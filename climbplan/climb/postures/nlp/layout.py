@@ -37,7 +37,7 @@ class NlpStructure:
 
     num_rounds: int
     gait: tuple[int, ...]  # limbs in the order in which they move
-    is_curved: bool  # toes on a tube instead of on pinned flat regions
+    is_curved: bool  # toes on a tube instead of on fixed flat regions
     max_edges: int  # most edges of a contact region
     num_free_rows: int  # most rows of the free regions of a round
     num_hull_corners: int  # corners of the body

@@ -157,7 +157,7 @@ def refine_attempt(scene: ClimbScene, best: NlpRun, deadline: float) -> NlpRun:
     improves.
     """
     if not scene.terrain.obstacles and not scene.terrain.free_choices:
-        return best  # nothing but contact regions is pinned
+        return best  # nothing but contact regions is fixed
     for _ in range(MAX_REFINEMENTS):
         if time.monotonic() > deadline:
             break

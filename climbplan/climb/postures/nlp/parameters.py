@@ -71,7 +71,7 @@ class Guess:
     """An initial point of IPOPT, with the choices that stay fixed in its run."""
 
     label: str
-    rounds: Rounds  # postures, need not satisfy anything; regions are pinned
+    rounds: Rounds  # postures, need not satisfy anything; regions are fixed
     free_regions: IntArray  # (M, choices) free region of the body in every round
 
 

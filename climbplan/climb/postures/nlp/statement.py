@@ -160,7 +160,7 @@ def _build_round_stage(shape: NlpStructure) -> Stage:
                 f"workspace.{label}", ball_rows(ca.horzcat(*arms), c[radius_name])
             )
 
-    # D: toes on their pinned region, or on the tube
+    # D: toes on their fixed region, or on the tube
     toes = new["toes"]
     if shape.is_curved:
         surface_residual = ball_rows(toes[:2, :] - c["axis"], c["radius"])

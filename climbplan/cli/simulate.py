@@ -115,7 +115,7 @@ def simulate(
             "--random-backlash-deg",
             metavar="DEG",
             min=0.0,
-            help="Most play of the joints, drawn for each random run.",
+            help="Largest backlash of the joints, drawn for each random run.",
         ),
     ] = 0.0,
     regulate: Annotated[

@@ -240,7 +240,7 @@ def convert_to_rigid_links(
     """Return the motion for simulators whose links do not bend: gains K (1 - share), angles of the
     links.
 
-    The structure's part of the give is counted to the joints, so that the same commands press with
+    The compliance of the structure is counted to the joints, so that the same commands press with
     the same forces. Raises UsageError where nothing is known of motors.
     """
     if joints.limits is None:

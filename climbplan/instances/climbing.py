@@ -1,4 +1,7 @@
-"""Instances of climbs: postures on random patches, with forces, and forces of instants."""
+"""Instances of climbs: postures on random patches, with forces, and forces of instants.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

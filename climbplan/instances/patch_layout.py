@@ -1,4 +1,7 @@
-"""Random slippery patches in front of the limbs of a hexapod between two walls."""
+"""Random slippery patches in front of the limbs of a hexapod between two walls.
+
+Published methods and values are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""A straight climb between two walls with randomly shifted toes: instants of the force problem."""
+"""A straight climb between two walls with randomly shifted toes: instants of the force problem.
+
+Published methods and values are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@
 Solutions are compared by the factors of products, each scaled by its spread. The published method
 is OPTICS with a DBSCAN cut, whose distance has to be tuned by hand. HDBSCAN selects the most
 persistent clusters and needs no distance; it is the default.
+
+Published methods, and chapter numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Envelopes: boxes of bilinear factors."""
+"""Envelopes: boxes of bilinear factors.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@
 A Gaussian mixture gives centers. Around each center the largest box without infeasible points is
 computed by a mixed-integer linear program. The envelope is the bounding box of the feasible points
 in it that are likely under the mixture.
+
+Chapter and algorithm numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

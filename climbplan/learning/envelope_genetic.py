@@ -4,6 +4,8 @@ A chromosome is the bounds of an envelope; crossover takes each (lower, upper) p
 or the other. The fitness falls with the fraction a of infeasible terrains that the first stage
 classifies as feasible, while the fraction b of feasible ones classified as infeasible stays below
 delta. The mutation rate falls over the generations. Several envelopes form one chromosome.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ In the published method each strategy is the centroid of the features of its pro
 distances on raw features. Here distances are to the problems on standardised features, so that
 millimetres do not outweigh radians, and their points are starts. Equal distances are ordered by
 row.
+
+Published methods and values are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations
@@ -72,7 +74,7 @@ class NearestProblems:
 
 @dataclass(frozen=True)
 class NearestCentroids:
-    """The published rule: strategies by the distance of their centroid of raw features."""
+    """X. Lin (UCLA 2022): strategies by the distance of their centroid of raw features."""
 
     library: Library
     centroid: Array  # (U, p)

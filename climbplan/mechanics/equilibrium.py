@@ -1,4 +1,7 @@
-"""Equilibrium of point contacts (chapter 4.2, eqs. (4.15) and (4.16))."""
+"""Equilibrium of point contacts (chapter 4.2, eqs. (4.15) and (4.16)).
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -16,6 +16,8 @@ and the palm on the surface with normal n. All are within cones that spines wide
 where sigma is half of the gripper's shear force at each finger, its lower confidence bound at the
 hold's orientation and friction, and zero at the palm. Where a hold's sides stand up or are
 undercut, the resistance of the fingers along them is pull-out.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

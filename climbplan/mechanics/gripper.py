@@ -4,6 +4,8 @@ Inputs s = (alpha, beta, gamma, lambda) are the orientation of the gripper [rad]
 coefficient of the surface. The output is the shear force f^g that it holds. The kernel is squared
 exponential, eq. (3.4), on standardised inputs; predictive mean and variance follow eqs. (3.5) and
 (3.6). A planner relies on the lower confidence bound at a chosen risk.
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

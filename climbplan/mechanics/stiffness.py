@@ -4,6 +4,8 @@ Notation: f_i force on the robot at toe i, r_i from the body origin to toe i, P_
 B_i = [I P_i^T], delta_wall deflections imposed on the toes, delta_com translation and small
 rotation of the body. Stiffness appears only where the text's equations need it. Everything else
 uses the compliance, which stays finite in singular postures.
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

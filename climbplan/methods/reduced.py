@@ -7,6 +7,8 @@ are tightened to the hull of the pieces, and big-M constants with them.
 
 The published method keeps whole pieces. Tightening them gives tighter envelopes, so that programs
 are solved faster and more of their optima have the right integers.
+
+Published methods, and chapter numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ For programs that are built once and solved with other numbers, or whose express
 to be scalars: functions of CasADi are built once and called at each knot (`Stage`). A name may be
 used again and again; all its rows are one block. IPOPT takes such a program as it stands
 (`climbplan.solvers.ipopt.staged_program`), every other method by scalars (`StagedProgram.program`).
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ The mixed-integer block keeps the whole program except the exact products, for w
 envelopes. The nonlinear block keeps the smooth rows and those with products, exactly, with the
 integers fixed by the other block. Each block is attracted to the variables of the other, eq.
 (6.12).
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

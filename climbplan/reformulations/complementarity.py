@@ -8,6 +8,8 @@ choice gets such a z, and they sum to 1. Indicator rows are coupled by products 
 At eps the coupling by products leaves an active row violated by about eps^power in its own unit,
 big-M by M eps. Both vanish when the integers are rounded and the program at these integers is
 solved.
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 Eq. (8.26) on [x^L, x^U] x [y^L, y^U] is the hull of the four corners (x, y, x y). A point in the
 envelope is therefore a convex combination of them, eq. (8.12) (McCormick 1976).
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 With products it is a small nonlinear program, without them a convex one: the online problem of
 section 7.2.2.2. Its matrices are the same for all integers (unless a product has an integer factor,
 which makes it linear). Only bounds change, so solvers keep their factorisations and warm starts.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -6,6 +6,8 @@ cell sum to the weight delta of its piece, which all products of a variable shar
 delta is binary. In log2 encoding sum of code_l(i) delta_i = z_l implies eq. (8.13c); it has one row
 for each bit instead of one for each piece, and unused codes have no solution. The pieces may lie
 anywhere. Without a partition, the envelope on the variables' bounds is four rows, eq. (8.26).
+
+Published methods, and equation and chapter numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ pinned: integers are fixed; inactive rows are open, so one compiled program serv
 product: s (row - upper) <= slack, with the indicator s (or one minus it); at s = 1 a row is
 violated by at most the slack in its own unit. big-m: row - upper <= M (1 - s) with M from the
 bounds, which is linear; at s = 1 - eps a row may be violated by M eps.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Products as variables of their own, and the envelope rows that bound them on a box."""
+"""Products as variables of their own, and the envelope rows that bound them on a box.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 The mechanism of a limb (`robots/mechanism.py`) is coxa, femur and tibia in closed form
 (`coxa_femur_tibia.py`), or any chain of joints (`serial_chain.py`).
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

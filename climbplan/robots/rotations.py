@@ -1,4 +1,7 @@
-"""Rotations by roll, pitch and yaw, and cross-product matrices."""
+"""Rotations by roll, pitch and yaw, and cross-product matrices.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

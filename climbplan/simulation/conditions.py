@@ -40,7 +40,7 @@ class Conditions:
     armature_value: float | None = None  # that of all joints [kg m^2], [kg]
     damping: float = 1.0  # factor on the joints' derivative gains and viscous friction, or
     damping_value: float | None = None  # the gain of all joints [N m s/rad], [N s/m]
-    backlash: float = 0.0  # play of every joint [rad]
+    backlash: float = 0.0  # of every joint [rad]
     limb_weights: bool = True  # motors are told to carry the links' weight
     losses: tuple[FrictionLoss, ...] = field(default=())
     speed: float = 1.0  # factor on the plan's pace

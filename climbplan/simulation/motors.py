@@ -1,4 +1,4 @@
-"""What the motors of a simulated run are: stiffness, damping, rotors and play of their joints."""
+"""Motors of a simulated robot: stiffness, damping, rotors and backlash of their joints."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def compute_viscous_friction(robot: Robot, conditions: Conditions) -> Array:
 
 
 def compute_backlash(robot: Robot, conditions: Conditions) -> Array:
-    """Return (N, J) play of the joints [rad], of those that slide as many times `RADIAN` [m]."""
+    """Return the backlash (N, J) of joints [rad], of sliding ones as many times `RADIAN` [m]."""
     backlash = np.full((robot.limb_count, robot.joint_count), conditions.backlash)
     total_backlash = backlash if conditions.world is None else backlash + conditions.world.backlash
     return np.asarray(total_backlash * robot.joint_unit)

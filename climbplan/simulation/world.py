@@ -21,7 +21,7 @@ class World:
     friction: Array  # (R,) factor on each surface's
     surface: Array  # (R,) how far each lies before its place, along its normal; a tube: inward [m]
     tilt: Array  # (R, 2) how far each flat one is turned about two axes in its plane [rad]
-    backlash: Array  # (N, J) play of each joint [rad]
+    backlash: Array  # (N, J) of each joint [rad]
     placement: Array  # (N, P, 3) how far each foothold is missed, world frame [m]
 
     def __eq__(self, other: object) -> bool:

@@ -3,6 +3,8 @@
 The printed dual update compares a vector with itself; here it is w <- w + var1 - var2. Without
 convexity nothing guarantees convergence. The best iterate by the exact check is therefore kept, and
 the program at fixed integers polishes it.
+
+Chapter and algorithm numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ Books stand on the ground between the walls and below the clear height without o
 stored order; each is flat, upright or leaning; a leaning book tilts far enough for gravity to hold
 it (eq. (8.9), K2) and touches the stored neighbour or the wall on its side (K1, L1) within the
 contact gap, the book inserted last being no support.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 The exact check of the plan's meaning evaluates the geometry. Stored costs, overlaps, statuses,
 bounds and the spec are compared with the values that the stored scenes and poses give.
+
+Published methods and values are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ one, eqs. (8.9), (8.10). Books lean on adjacent stored books and on the end wall
 
 The published program replaces rotations and lines by piecewise relaxations, so that its own
 solutions break these constraints: the residuals say by how much.
+
+Published methods, and equation numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -12,6 +12,8 @@ and d the differences of tilts from the middles of their intervals, the rows rea
 
 with D, U and e replaced by planes or constants on the safe side. On intervals without width they
 are the exact rows of a placement with these tilts.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Features by which learned methods compare scenes."""
+"""Features by which learned methods compare scenes.
+
+Published methods and values are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

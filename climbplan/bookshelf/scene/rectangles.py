@@ -2,6 +2,8 @@
 
 Vectorised: `pose` (..., 3) x, y, angle and `size` (..., 2) height, width broadcast against each
 other; lengths in any one unit.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

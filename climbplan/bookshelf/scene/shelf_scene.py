@@ -3,6 +3,8 @@
 Plane of the shelf's front: x to the right, y up from the ground, both from the middle of the
 ground. A book is a rectangle given by its centre and the angle of its height from the vertical;
 angle > 0 tilts it to the left. Metres and radians, except where a name says `_mm`.
+
+Published methods, and equation and chapter numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Datasets of bookshelf scenes (chapter 7.2): books dropped onto a shelf, one taken out."""
+"""Datasets of bookshelf scenes (chapter 7.2): books dropped onto a shelf, one taken out.
+
+Published methods, and chapter numbers, are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ Whole = tuple[Count, Count]
 
 
 class DropSpec(SpecModel):
-    """How books are drawn and dropped; the published numbers if left out."""
+    """How books are drawn and dropped; the values of X. Lin (UCLA 2022) if left out."""
 
     width_mm: Whole = quantity("mm", "least and largest width, whole numbers", default=(10, 40))
     height_mm: Whole = quantity("mm", "least and largest height, whole numbers", default=(50, 90))

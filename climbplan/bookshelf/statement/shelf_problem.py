@@ -1,4 +1,7 @@
-"""The bookshelf problem in the form that the common table of methods solves."""
+"""The bookshelf problem in the form that the common table of methods solves.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

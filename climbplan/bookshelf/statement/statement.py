@@ -7,6 +7,8 @@ arXiv 2110.00666), one line a pair that passes two given corners where a book le
 
 Lengths are in mm, so that the cost is in mm^2 as published. Corners are numbered from the top
 right clockwise; book n is the inserted one.
+
+Published methods, and equation and chapter numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

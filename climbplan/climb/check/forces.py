@@ -1,4 +1,7 @@
-"""Checks of forces, torques and deflections at the instants (chapters 4.2 and 5.1.4)."""
+"""Checks of forces, torques and deflections at the instants (chapters 4.2 and 5.1.4).
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 Joints are springs about their commands. Where the forces of limbs that reach their footholds
 balance the load, the body is on its path. A residual wrench deflects it, by eq. (4.17).
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 Commands that hold the body at its planned pose must do so exactly. With
 `force.deflection_compensation: predicted`, plan and commands follow the linear model of eq. (4.14),
 which does not imply the equilibrium. The equilibrium is then computed and reported, but not judged.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

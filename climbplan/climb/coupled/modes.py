@@ -3,6 +3,8 @@
 A mode is a disjunction of polytopes with one binary per envelope and round: the box and the
 McCormick planes of its products, eq. (8.26). Branch and bound selects modes and regions together;
 the selected envelope states how the robot stands (chapter 5.2.4.3).
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

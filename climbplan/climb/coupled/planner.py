@@ -8,6 +8,8 @@ spatial        SCIP on P itself
 
 The answer is judged by the exact check of P, whatever the method. What the reported bound is valid
 for is told with it.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

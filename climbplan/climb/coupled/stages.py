@@ -2,6 +2,8 @@
 
 P1 with fixed regions is convex. P2 keeps the toes of P1 and solves for forces: a linear program, or
 a quadratic one if forces have a cost. The nonlinear program (IPOPT) moves toes and forces together.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

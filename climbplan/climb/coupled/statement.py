@@ -6,6 +6,8 @@ its friction cone are one choice: (toe, force) lies in region times pyramid, so 
 region costs force where it is chosen. Moments are taken about fixed points, where postures alone
 put the body: forces add up to a known one, so that part of the moment is linear, and on a flat wall
 across an axis two of the six products of a limb are with a constant.
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 parameters: patches of all limbs (`LimbPatches.vector`). solution, of a feasible row a point of
 problem P, of an infeasible one a solution of P without its bilinear rows: weights of patch corners,
 toe [P], force [weights], com [P], rpy [rad], and the nodes that the decision took.
+
+Algorithm numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

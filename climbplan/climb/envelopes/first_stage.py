@@ -5,6 +5,8 @@ and f in it. `tightened`: the box is cut with the bounds that the terrain itself
 `propagated`: and with those that all rows of P imply within the box, products included. Neither
 takes a feasible point away, but both make the envelopes tighter.
 P2 keeps p of P1 and solves for f (convex), or starts the nonlinear program from P1 (NLP).
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Fitting envelopes to labelled terrains, and the validation table of chapter 5.2.3."""
+"""Fitting envelopes to labelled terrains, and the validation table of chapter 5.2.3.
+
+Published methods, and chapter and table numbers, are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 
@@ -111,7 +114,7 @@ def recentre_points(
 
 
 def build_heuristic_envelope(terrains: TerrainDistribution) -> Envelope:
-    """Return the published expert's bounds: workspaces for toes, known force profiles for forces.
+    """Return an expert's bounds (X. Lin, UCLA 2022): toe workspaces and known force profiles.
 
     Walls: pressure 0 to 0.9, level shear within 0.3, upright shear 0 to 0.4. Ground: pressure 0 to
     0.5, shear within 0.15.

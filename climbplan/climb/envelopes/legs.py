@@ -3,6 +3,8 @@
 Positions are measured in P (a length) and forces in F (the robot's weight), eqs. (5.8), (5.9), so
 that components of both lie within [-1, 1]. P is one length for the limbs that envelopes were
 published for, and longer where other robots reach farther.
+
+Published methods, and equation numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 A feasible row holds a point of problem P; an infeasible one a solution of P without its bilinear
 rows. Terrains on which even that has none say nothing about envelopes and are counted only.
+
+Chapter and algorithm numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""One run of `fit-envelopes`: labelled terrains, envelopes by each method, the validation table."""
+"""One run of `fit-envelopes`: labelled terrains, envelopes by each method, the validation table.
+
+Algorithm numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -4,6 +4,8 @@ Branch and bound over parts of the patches. A node whose relaxation (`relaxation
 holds no posture; otherwise toes are put on the centres of pressure, and with toes or with forces
 given, P is linear: the two are alternated, and IPOPT is started from there. If that finds none, the
 patch with the largest torsion is halved.
+
+Algorithm numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -8,6 +8,8 @@ about the body origin: forces add up to a known one, so the body's part c x F is
 are measured from that point. Friction cones are pyramids inscribed in (5.15), workspaces
 polytopes inscribed in the balls of (5.16): an answer satisfies the exact cone and ball.
 With several patches a limb, binaries say which one it stands on (their number a limb is R).
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

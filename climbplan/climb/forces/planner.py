@@ -3,6 +3,8 @@
 Each instant is one convex problem (`statement`). It is reduced to the forces that equilibrium
 leaves free (`reduction`), solved and checked (`solving`), and converted to joint commands, torques
 and safety factors.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -14,6 +14,8 @@ Deflections are eliminated. The limb stiffness is invertible, so that any forces
 wall deflections that produce them; eqs. (4.14) and (4.17) together are equivalent to equilibrium.
 Joint commands differ from the angles theta by the deflection D f under the forces
 (`joint_bending`). It is linear in the forces, as is the stiffness A(f) of the body under load.
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 It has 61 variables for six limbs: body deflection (6), forces, wall deflections and torques (18
 each), and s = 1 / S_tau. The planner eliminates all but forces. The unreduced form is its oracle in
 tests, an alternative in benchmarks, and the family `forces` of exported instances.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ In a round of N limbs the body covers 1/N of its path after each limb is placed.
 critical instants: after each lift and after each push. If the spec allows the body to leave its
 straight path (`posture.steps.com_shift_max`), each push moves it to where the next limb can be
 lifted (`balance.py`).
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""What figures and page plot over the instants: worst torque and critical friction by limb."""
+"""What figures and page plot over the instants: worst torque and critical friction by limb.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 S is K instants or T samples; world frame, forces and moments on the robot. Fingers are at +-(span /
 2) axis from the grip's centre, which lies the gripper's length before the toe, against the surface.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The climb planner: postures, instants, forces, trajectory (chapter 5.1)."""
+"""The climb planner: postures, instants, forces, trajectory (chapter 5.1).
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

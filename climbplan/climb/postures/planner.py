@@ -1,4 +1,7 @@
-"""First stage: the posture sequence, by global mixed-integer optimisation."""
+"""First stage: the posture sequence, by global mixed-integer optimisation.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

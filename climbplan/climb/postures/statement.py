@@ -16,6 +16,8 @@ Rotations are linearised by eq. (5.5) about the level body at the start's yaw ps
 world gives the same plan: R v = Rz(psi) (v + Theta' x v) with Theta' = Theta - (0, 0, psi). A body
 that starts far from level, on a single wall, is linearised about its start. Constraint letters are
 those of the complete formulation (Fig. 5.1 of the chapter).
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

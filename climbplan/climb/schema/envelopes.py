@@ -1,4 +1,7 @@
-"""Envelopes spec (`kind: envelopes`): which terrains to learn on, and how (chapter 5.2)."""
+"""Envelopes spec (`kind: envelopes`): which terrains to learn on, and how (chapter 5.2).
+
+Chapter numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""What climbs and transitions ask of the force planner (chapter 5.1.4)."""
+"""What climbs and transitions ask of the force planner (chapter 5.1.4).
+
+Chapter numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Climb spec (`kind: climb`): what the decoupled planner of chapter 5.1 is asked to do."""
+"""Climb spec (`kind: climb`): what the decoupled planner of chapter 5.1 is asked to do.
+
+Published methods, and chapter numbers, are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -1,6 +1,8 @@
 """Transition spec (`kind: transition`): from standing on the ground to bracing between walls.
 
 Chapter 5.3: which limbs move together, round by round, where to, and with what forces.
+
+Published methods, and chapter numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -32,6 +32,8 @@ addition to those of every round (`round_constraints.py`):
     solid.outside       toes out of every solid, by weights of its faces
     solid.sides         that add up to one
     integers.whole      u (1 - u)
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -19,6 +19,8 @@ weight.
     steps.toe           bounds on toe steps
 
 Bounds that depend on a robot or a spec are passed by block name when a program is solved.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

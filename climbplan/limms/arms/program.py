@@ -5,6 +5,8 @@ and position, velocity and acceleration of the box (and of its yaw where it turn
 Constraints are the chain of cubics, free blocks, latch limits, joint ranges and speeds,
 singularities and cuts. Joint angles and speeds are closed functions of the variables
 (`symbols.py`), so closed chains hold at every iterate, eqs. (6.1) and (6.2).
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

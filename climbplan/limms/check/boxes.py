@@ -1,4 +1,7 @@
-"""Checks of the boxes: dynamics, forces, support, goal (eqs. (6.5) to (6.8))."""
+"""Checks of the boxes: dynamics, forces, support, goal (eqs. (6.5) to (6.8)).
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 Joints rotate about the module's axis (z) or across it (y), eq. (6.2), link after link from the held
 end. Ends on anchors, on the ground and on one another have the frames of eq. (6.1).
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -13,6 +13,8 @@ As published, with open cases decided:
   of its sides with one end and to nothing else, on its way to an anchor (relatching). As published,
   no mode describes a module that has released the ground and holds only a box at rest.
 - A free box has no contact.
+
+Published methods, and table numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

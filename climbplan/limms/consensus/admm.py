@@ -2,6 +2,8 @@
 
 The blocks alternate on an augmented Lagrangian in scaled form (Boyd et al., Distributed
 Optimization and Statistical Learning via ADMM, 2011).
+
+Published methods, and equation and algorithm numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

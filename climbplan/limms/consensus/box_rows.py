@@ -1,4 +1,7 @@
-"""Linear rows for the box: dynamics in each mode, forces, friction, and its free space."""
+"""Linear rows for the box: dynamics in each mode, forces, friction, and its free space.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

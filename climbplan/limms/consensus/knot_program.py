@@ -4,6 +4,8 @@ The program minimises the weighted squared distance of box and points to their t
 are joint ranges, contacts of ends, separating planes and free blocks of links. Dynamics and speeds
 are in the other block, so the knots are independent. One program is compiled for each pattern of
 roots, and used again with other parameters.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

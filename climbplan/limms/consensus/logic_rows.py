@@ -1,4 +1,7 @@
-"""Linear rows for the logic rules of Table 6.2, and for the continuity of latches."""
+"""Linear rows for the logic rules of Table 6.2, and for the continuity of latches.
+
+Table numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -2,6 +2,8 @@
 
 It is a mixed-integer linear program, since the L1 norm keeps the consensus term linear. The model
 is built once; targets, weights and bounds change in place.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

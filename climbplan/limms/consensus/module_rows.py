@@ -1,4 +1,7 @@
-"""Linear rows for modules: latches, standing, speeds, link lengths and free space."""
+"""Linear rows for modules: latches, standing, speeds, link lengths and free space.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

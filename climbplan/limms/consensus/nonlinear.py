@@ -1,4 +1,7 @@
-"""The nonlinear block, eq. (6.12b): independent programs at all knots."""
+"""The nonlinear block, eq. (6.12b): independent programs at all knots.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

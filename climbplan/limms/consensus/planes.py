@@ -2,6 +2,8 @@
 
 A plane for a whole module would forbid elbows around a box; a variable normal makes the block much
 harder. Normals come from the closest points of the last pose, and are renewed.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 Interval k lies between knots k and k + 1 and has one mode. A latch of an interval is closed at both
 of its knots, so a module changes contacts only where both ends are in place.
+
+Published methods and values are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ MAX_LEVER_ARM = 0.6  # [m] from a joint to the points it moves, for speed limits
 
 @dataclass(frozen=True)
 class ConsensusFormulation:
-    """The differences between the published consensus and the improved one."""
+    """The differences between the consensus of X. Lin (UCLA 2022) and the improved one."""
 
     interval_seconds: tuple[float, ...]  # [s] of an interval in each mode of the box
     has_kinematics: bool  # link lengths, joint ranges and speeds in the integer block

@@ -4,6 +4,8 @@ The program minimises durations, accelerations, forces and joint motion. Variabl
 position, velocity and acceleration of the box at knots; footholds; forces at knots; and joint
 splines of swing feet. Standing legs are closed forms of these. Constraints are dynamics, eqs. (6.5)
 and (6.6), friction, free blocks, joint ranges and speeds, and cuts.
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -5,6 +5,8 @@ last end. The z axis of every frame points along the module, from the first end 
 axes of joints 1 and 2 meet in the shoulder, those of joints 4, 5 and 6 in the wrist (joint 5). The
 inverse kinematics is therefore closed-form with up to eight branches (Pieper 1968), labelled by the
 signs of shoulder, elbow and wrist.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Symbolic kinematics of a module, eq. (6.2), as `chain.py` has it in numbers."""
+"""Symbolic kinematics of a module, eq. (6.2), as `chain.py` has it in numbers.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Modules as arms and legs of the box: frames of their ends, and their inverse kinematics."""
+"""Modules as arms and legs of the box: frames of their ends, and their inverse kinematics.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

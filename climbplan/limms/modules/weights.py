@@ -1,4 +1,7 @@
-"""Masses in planning: a necessary condition of plans with masses, and paces of slow motions."""
+"""Masses in planning: a necessary condition of plans with masses, and paces of slow motions.
+
+Published methods and values are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Residuals of a consensus by iteration, as stored in a plan."""
+"""Residuals of a consensus by iteration, as stored in a plan.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -4,6 +4,8 @@ Boxes stay upright and turn about the vertical where their goals ask for it (ass
 turn). The frame of a box is the world frame turned by its yaw. The z axis of an anchor's frame is
 its normal. The first end of a latched module has the anchor's frame. The last end has it turned by
 pi about x, eq. (6.1). A module on the ground stands upright.
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

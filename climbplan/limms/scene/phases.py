@@ -2,6 +2,8 @@
 
 A phase has constant modes and contacts. The acceleration of the box is piecewise linear in it. So
 its path is a chain of cubics, and its dynamics, eq. (6.5), hold exactly between the knots.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

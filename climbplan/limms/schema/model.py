@@ -1,4 +1,7 @@
-"""LIMMS spec (`kind: limms`): reconfigurable modules bring a box to its goal (chapter 6)."""
+"""LIMMS spec (`kind: limms`): reconfigurable modules bring a box to its goal (chapter 6).
+
+Published methods, and chapter numbers, are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Module spec (`kind: module`): a reconfigurable limb with a latch at both ends (chapter 6.2)."""
+"""Module spec (`kind: module`): a reconfigurable limb with a latch at both ends (chapter 6.2).
+
+Chapter numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ MASSLESS = (
 JUDGED = (
     "Judged: rigid-body dynamics of box and modules in continuous time, where ends are as latches "
     "close, what latches bear, joint torques, where the box ends. Not judged: collisions of links, "
-    "what driving asks of wheels, and latches' own play."
+    "what driving asks of wheels, and the latches' own backlash."
 )
 UNITS = {
     "path.*": "m", "tilt.*": "rad", "bend.*": "rad", "time": "s", "fall_time": "s",

@@ -9,6 +9,8 @@ soften as 1/gain, the structure does not.
 Limbs of coxa, femur and tibia are measured in their own frame, x outward, y across, z up, and may
 be measured in their plane alone. All others are measured in the frame of the body, x to the right,
 y forward, z up, which stands still.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

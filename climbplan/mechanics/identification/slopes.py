@@ -5,6 +5,8 @@ Joints are preloaded out of their backlash before a test. The published coeffici
 preload reading into every step and doubles for a bad row. Here the slope is the median over all
 pairs of steps (Theil and Sen). It depends on no particular row and tolerates more than a quarter
 of outliers. The published mean is reported next to it.
+
+Published methods, and equation and chapter numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""Strategy spec (`kind: strategy`): what is learned from which solved problems (chapter 7.2)."""
+"""Strategy spec (`kind: strategy`): what is learned from which solved problems (chapter 7.2).
+
+Published methods, and chapter numbers, are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ class TrainingDataSpec(SpecModel):
 
 
 class ForestSpec(SpecModel):
-    """Random forest; the published numbers."""
+    """Random forest; the values of X. Lin (UCLA 2022)."""
 
     trees: Count = quantity("", "number of trees", default=150, ge=1, le=10_000)
     depth: Count = quantity("", "largest depth of a tree", default=75, ge=1, le=1000)

@@ -70,7 +70,7 @@ class RobotUncertaintySpec(SpecModel):
     )
     backlash_deg: Spread = Field(
         default=0.2,
-        description="play of each joint; a number is the most there is, each play from 0 as "
+        description="backlash of each joint; a number is the largest, each backlash from 0 as "
         "likely; or a distribution, below zero counting as none [deg]",
         json_schema_extra={"unit": "deg"},
     )

@@ -1,4 +1,7 @@
-"""Convex quadratic programs by OSQP, the operator-splitting method of the published results."""
+"""Convex quadratic programs by OSQP, the operator-splitting method of the published results.
+
+Published methods and values are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

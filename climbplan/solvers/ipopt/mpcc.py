@@ -3,6 +3,8 @@
 The homotopy follows chapter 7.2.1 with eps falling step by step, each from the last point (Scholtes
 2001). The polish rounds the integers and solves the rest with active implications as plain rows, so
 the answer does not depend on eps.
+
+Published methods, and chapter numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -9,6 +9,8 @@ integers and in space, and its bounds hold for both.
 The rows of envelopes are rewritten at each node whose box differs from the previous one. A working
 set from another node then needs new factors. Its multipliers remain dual feasible, so their dual
 value is still a bound.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

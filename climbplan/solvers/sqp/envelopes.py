@@ -1,8 +1,10 @@
-"""The published `convex` method: one convex program with envelopes around a neighbour's point.
+"""The method `convex` of X. Lin: one convex program with envelopes around a neighbour's point.
 
 Every factor of a product is restricted to a box around the neighbour's value, in which products are
 replaced by their McCormick envelopes. There is no refinement, so the accuracy of the products
 depends on the size of the box; the exact check decides.
+
+Published methods and values are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

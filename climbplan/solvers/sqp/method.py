@@ -1,10 +1,10 @@
 """Local sequential quadratic programming (SQP) on programs with fixed integers.
 
-This solves the online problem of chapter 7.2.2.2: linearise the products about the current iterate,
-solve a convex quadratic program in a trust region, repeat (Nocedal and Wright, chapter 18). Where
-linearised rows contradict, an elastic step minimises their largest violation. A candidate for which
-the violation does not shrink is dropped. The answer is local, and its feasibility is computed from
-the exact instance.
+This solves the online problem of X. Lin (UCLA 2022, chapter 7.2.2.2): linearise the products about
+the current iterate, solve a convex quadratic program in a trust region, repeat (Nocedal and Wright,
+chapter 18). Where linearised rows contradict, an elastic step minimises their largest violation. A
+candidate for which the violation does not shrink is dropped. The answer is local, and its
+feasibility is computed from the exact instance.
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 They are written independently of the expressions that solvers differentiate, so that errors in one
 of them show.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

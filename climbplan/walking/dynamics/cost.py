@@ -1,4 +1,7 @@
-"""The objective of eq. (8.30): tracking, body motion, and differences between contact forces."""
+"""The objective of eq. (8.30): tracking, body motion, and differences between contact forces.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -6,6 +6,8 @@ f_i at toes x_i:
     m v' = sum f_i - m g,   R I R' w' + w x (R I R' w) = sum (x_i - p) x f_i,   e' = E(e) w.
 
 Compiled steps are generated from them (`kernels/dynamics_step.py`).
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

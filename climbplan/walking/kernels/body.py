@@ -1,6 +1,8 @@
 """The rigid body in continuous time, compiled: simulation of loops and validation of plans.
 
 Its rates are generated from the formulation in `dynamics/` (`dynamics_step.py`).
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

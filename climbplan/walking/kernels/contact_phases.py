@@ -1,4 +1,7 @@
-"""Stance phases, objective value and receding-horizon shift of a gait, compiled."""
+"""Stance phases, objective value and receding-horizon shift of a gait, compiled.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

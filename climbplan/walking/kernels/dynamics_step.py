@@ -2,6 +2,8 @@
 
 The machine code is generated from the formulation in `walking/dynamics/dynamics.py`, eqs. (8.14) to
 (8.19), and its derivatives by CasADi, without C. Tests compare it with `truth.py`.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

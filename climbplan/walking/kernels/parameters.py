@@ -1,6 +1,8 @@
 """Arguments of compiled functions: named tuples of arrays, which Numba takes as they are.
 
 L legs, J joints of a leg, N intervals, F free footholds, Z unknowns of the QP.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

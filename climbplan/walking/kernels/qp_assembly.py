@@ -2,6 +2,8 @@
 
 The unknowns are forces of standing legs knot by knot (in units of `force_unit`), then free
 footholds (in units of `foot_unit`). States are eliminated (condensing). Output arrays are reused.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

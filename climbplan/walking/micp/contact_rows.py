@@ -1,4 +1,7 @@
-"""Rows of the legs: contact and swing, workspace, regions, friction, and no slip."""
+"""Rows of the legs: contact and swing, workspace, regions, friction, and no slip.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Rows of the body: moments by its height, dynamics of position and rotation, and the cost."""
+"""Rows of the body: moments by its height, dynamics of position and rotation, and the cost.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

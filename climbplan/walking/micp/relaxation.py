@@ -18,6 +18,8 @@ Products of an arm with f_z are McCormick envelopes. Those with f_x and f_y are 
 axes, rotated by the yaw of the middle of the attitude box, as toe boxes are narrowest about these.
 Attitudes and angular velocities stay within the attitude box: products with the small rotation
 from its middle are envelopes, and second-order terms are bounded remainders.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -3,6 +3,8 @@
 In a wide attitude box neither is nearly linear about the middle. Both are stated as products of
 variables: of angular velocities with sines of angles, and of two angular velocities about the
 principal axes. What a function or a rotation is off its linearisation is a bounded remainder.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

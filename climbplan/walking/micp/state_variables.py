@@ -1,4 +1,7 @@
-"""State variables of a walk, and McCormick envelopes of products in perspective form."""
+"""State variables of a walk, and McCormick envelopes of products in perspective form.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

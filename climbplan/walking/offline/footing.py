@@ -1,4 +1,7 @@
-"""Footholds of a gait: stance phases, fixed and free footholds, heights of toes."""
+"""Footholds of a gait: stance phases, fixed and free footholds, heights of toes.
+
+Equation numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -11,6 +11,8 @@
 Variables are state1 to stateN (position, velocity, roll pitch yaw, angular velocity), force0 to
 force(N - 1), toe1 to toeN (x, y) and contact0 to contactN, leg by leg, in this order. Starts,
 references and regions are parameters.
+
+Equation and chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -7,6 +7,8 @@ the planned position x0 by x - x0, which obeys in each axis of the world frame
 
 x0 moves with the body as planned since the knot, and is below the ground by the leg's deflection
 under the planned force. Where body and plan agree the leg therefore exerts exactly that force.
+
+Published methods, and equation numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ Library sections, found by ranking, give the integers (contacts and regions) of 
 fixed-integer QP is solved for each, linearised about the section's own motion. If the nonlinear
 rollout does not validate its solution, a second QP about that solution follows (`gait_solver.py`).
 A tick has a fixed budget of QP iterations, which bounds its time.
+
+Published methods and values are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

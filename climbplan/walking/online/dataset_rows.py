@@ -6,6 +6,8 @@ Columns of a row:
     integers: contacts at knots 0 to N - 1.
     solution: states, toes, forces, contacts, and `section_features`. Those are the features of the
         section of five knots that begins at a knot, with the toes of the previous knot.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

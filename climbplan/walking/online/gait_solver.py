@@ -5,6 +5,8 @@ nonlinear dynamics in continuous time. It is feasible if the rollout stays withi
 rad of the QP's prediction over the horizon, and toes stay in their workspace.
 Friction needs no check
 because the QP's pyramids are inside the friction cones.
+
+Published methods, and equation numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""A library of sections cut from solved walks: the source of integers for the online controller."""
+"""A library of sections cut from solved walks: the source of integers for the online controller.
+
+Published methods and values are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Rankings of library sections for a measurement: nearest neighbours or trained strategies."""
+"""Rankings of library sections for a measurement: nearest neighbours or trained strategies.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Build the walking task of an MPC spec: body, terrain, start and reference."""
+"""Build the walking task of an MPC spec: body, terrain, start and reference.
+
+Published methods and values are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

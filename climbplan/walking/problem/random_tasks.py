@@ -1,11 +1,14 @@
 """Random walking tasks: starts in the published ranges, disturbances, robots and terrain.
 
-Published (8.2.4.5) are forward velocities within 1.5 m/s and forward accelerations within 15
-m/s^2, either way. An acceleration is no part of a rigid body's state. It acts as a push through
-the knot before the plan, which begins at v_x + a_x dt with the toes under the body.
+X. Lin (UCLA 2022, chapter 8.2.4.5) draws forward velocities within 1.5 m/s and forward
+accelerations within 15 m/s^2, either way. An acceleration is no part of a rigid body's state. It
+acts as a push through the knot before the plan, which begins at v_x + a_x dt with the toes under
+the body.
 
 A world has a robot of another mass, a reference of another speed, and treads across the path. Each
 tread is higher or lower than the one before, ahead of the floor of the start and behind it.
+
+Published methods and values are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -1,1 +1,1 @@
-"""The published online program, for comparison."""
+"""The online program of X. Lin (UCLA 2022), for comparison."""

@@ -1,8 +1,10 @@
-"""Unknowns of the published online program, their exact values along a motion, and their regions.
+"""Unknowns of the online program of X. Lin, their exact values along a motion, and their regions.
 
 Chapter 8.2.1.2 and Table 8.4: angles in 4 regions, their trigonometric products in 4, Euler rates
 and angular velocities in 16, toe positions in 4, forces in 16. The motion of a library neighbour
 gives the region of each unknown; these are all integers of the published program except contacts.
+
+Published methods, and equation, chapter and table numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

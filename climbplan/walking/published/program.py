@@ -1,8 +1,10 @@
-"""The published online program: a convex QP with McCormick relaxations in the neighbour's regions.
+"""The online program of X. Lin: a convex QP with McCormick relaxations in the neighbour's regions.
 
 Chapter 8.2.1.2, all integers fixed: sines and cosines lie between chords and tangents, products
 within the McCormick planes of eq. (8.26). The QP is sparse and large, and solved by OSQP as
 published. Its solution need not obey the dynamics: `gait_solver.py` validates it.
+
+Published methods, and equation and chapter numbers, are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations
@@ -73,7 +75,7 @@ class PublishedAnswer:
 
 
 class PublishedProgram:
-    """The published program of a gait."""
+    """The online program of X. Lin (UCLA 2022) for a gait."""
 
     def __init__(
         self, program: FixedContactProgram, neighbour_region_fraction: float = 0.0

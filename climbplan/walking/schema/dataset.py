@@ -1,4 +1,7 @@
-"""Datasets of walks (chapter 8.2.4.5): random starts of a walking task, each solved."""
+"""Datasets of walks (chapter 8.2.4.5): random starts of a walking task, each solved.
+
+Published methods, and chapter numbers, are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

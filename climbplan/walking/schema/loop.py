@@ -1,4 +1,7 @@
-"""The closed loop of `online`: disturbances, sensors, compliant legs, and limits of a tick."""
+"""The closed loop of `online`: disturbances, sensors, compliant legs, and limits of a tick.
+
+Published methods and values are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

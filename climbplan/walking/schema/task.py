@@ -1,4 +1,7 @@
-"""Walking tasks (8.2): horizon, start, reference, and weights of the objective."""
+"""Walking tasks (8.2): horizon, start, reference, and weights of the objective.
+
+Published methods, and equation numbers, are those of X. Lin (UCLA 2022).
+"""
 
 from __future__ import annotations
 

@@ -3,6 +3,8 @@
 It has the planner's robot of chapter 8.2: a mass with an inertia and forces at its toes. Each toe
 is a small mass that stands by friction. A leg pushes the body with the planned force and the toe
 with the opposite force; the simulator computes the contact.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

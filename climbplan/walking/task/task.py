@@ -2,6 +2,8 @@
 
 Axes of chapter 8.2: body frame x forward, y to the left, z up; world frame z up. Legs are always
 in the order of `RigidBody.leg_names`.
+
+Equation, chapter and table numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

@@ -2,6 +2,8 @@
 
 A finger of a gripper at H, the grip's centre, is at H +- (span / 2) axis. Both fingers and the palm
 together exert the contact force, the moment about H and the gripping force of the plan.
+
+Equation numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

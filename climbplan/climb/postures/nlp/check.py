@@ -3,6 +3,8 @@
 The check shares no expression with the NLP: rotations, kinematics and surfaces are those of the
 robot and the terrain, evaluated in NumPy. No choice is fixed, and body and links are followed along
 their whole paths. Blocks are named as in the NLP and in the checks of plans.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

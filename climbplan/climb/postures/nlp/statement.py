@@ -16,6 +16,8 @@ clear of it), setting down (toe clear of its new place, toe on it) and the end o
 Contact regions, free regions and planes are fixed: which ones is a parameter, not a variable. The
 program is built once for a shape (numbers of rounds, limbs, rows) and has every other number as a
 parameter. So all starts of a scene, and all scenes of a study, share it.
+
+Chapter numbers are those of X. Lin (UCLA 2022).
 """
 
 from __future__ import annotations

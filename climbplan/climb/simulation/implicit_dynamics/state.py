@@ -27,8 +27,8 @@ class JointSprings(NamedTuple):
     command: Array  # (N, J) [rad]
     gravity_torque: Array  # (N, J) torque of the links' own weight [N m]
     stiffness: Array  # (N, J) [N m/rad]
-    half_backlash: Array  # (N, J) free play to either side [rad]
-    backlash_stiffness: Array  # (N, J) stiffness within the free play [N m/rad]
+    half_backlash: Array  # (N, J) backlash to either side [rad]
+    backlash_stiffness: Array  # (N, J) stiffness within the backlash [N m/rad]
     jacobian_volume: Array  # (N,) of each limb where it was evaluated last [m^3]
     toe_compliance: Array  # (N,) in this step, 0 unless the limb is nearly straight [m/N]
 

@@ -61,23 +61,23 @@ def _format_joints(proposal: RobotProposal) -> list[str]:
         f"# mass: {robot.mass:.4g}  # [kg] the sum over its links",
         "",
         "# [N m/rad] of joints under position control. ASSUMED: the P gain with which a joint",
-        "# gives its whole torque limit 0.25 rad (14 deg) off its command, or off what it turns in",
+        "# reaches its torque limit 0.25 rad (14 deg) off its command, or off its rotation within",
         "# 10 ms if it is so fast; at least 4 times weight times reach, or the body on its",
         "# springs buckles.",
         "# Measure it: `climbplan fit-stiffness`.",
         f"joint_stiffness: {proposal.motors.stiffness:g}",
         (
             f"structural_compliance_share: {STRUCTURAL_COMPLIANCE_SHARE:g}"
-            "  # ASSUMED: part of the give that is in links"
+            "  # ASSUMED: share of the compliance that is in links"
         ),
         *_format_rotors(robot),
         "",
-        "# ASSUMED, standard deviations (play: the most there is) of the worlds in which plans are",
-        "# judged.",
+        "# ASSUMED: uncertainties with which plans are simulated: standard deviations, and largest",
+        "# backlash.",
         "uncertainty: {mass: 0.05, joint_stiffness: 0.1, backlash_deg: 0.2}",
     ]
     if draft.joints:
-        lines += ["", "# Where the URDF says nothing that a motor can be, or joints are not alike"]
+        lines += ["", "# Joints whose URDF data no motor can have, or that differ from the others"]
         lines.append("joints:")
         lines += [
             f"  {format_scalar(n)}: {format_mapping(values)}" for n, values in draft.joints.items()
@@ -85,8 +85,8 @@ def _format_joints(proposal: RobotProposal) -> list[str]:
     if draft.locked:
         lines += [
             "",
-            "# [deg] Held there: joints that legs share, or beyond the seventh of a leg, or of an",
-            "# arm that would be in the way at zero",
+            "# [deg] Locked joints: shared by legs, beyond the seventh of a leg, or of an arm that",
+            "# would be in the way at zero",
         ]
         lines.append(f"locked: {format_mapping(draft.locked)}")
     return lines
@@ -117,10 +117,10 @@ def _format_legs(proposal: RobotProposal) -> list[str]:
     supporting = "three legs" if robot.sole is None else "one leg"
     percent = f"{100 * proposal.posture.utilisation:.0f} %"
     lines = [
-        f"# Legs in leg order. Standing: body {height:.3f} m above its toes, with most room about",
+        f"# Legs in leg order. Standing: body {height:.3f} m above its toes, with the most reach",
         (
-            f"# them ({1e3 * robot.stance_radius:.0f} mm) and at most {percent} of a torque limit "
-            f"on {supporting}."
+            f"# about them ({1e3 * robot.stance_radius:.0f} mm) and at most {percent} of a torque "
+            f"limit on {supporting}."
         ),
         "legs:",
     ]

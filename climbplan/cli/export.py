@@ -10,11 +10,15 @@ import typer
 
 from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import Invocation, print_result, standard_output, warn
-from climbplan.cli.options import Force, Quiet, Verbose
+from climbplan.cli.options import Force, Quiet, Verbose, takes_options
 from climbplan.errors import UsageError
 
 if TYPE_CHECKING:
     from climbplan.api.kinds import PlanKind
+
+
+# Names of `climbplan.exports.formats.FORMATS` and the regulator's, not imported for --help
+FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd", "regulator"]
 
 
 @dataclass(frozen=True)
@@ -28,17 +32,14 @@ class MotionOptions:
     ramp: float | None = None
 
 
-# Names of `climbplan.exports.formats.FORMATS` and the regulator's, not imported for --help
-FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd", "regulator"]
+@dataclass(frozen=True, kw_only=True)
+class ExportOptions:
+    """Plan and options of `climbplan export` as they are given."""
 
-
-def export(
-    context: typer.Context,
-    *,
     plan: Annotated[
         Path | None,
         typer.Argument(metavar="PLAN", help="Plan file, or the output directory it is in."),
-    ] = None,
+    ] = None
     out: Annotated[
         str | None,
         typer.Option(
@@ -47,7 +48,7 @@ def export(
             metavar="FILE",
             help="File or directory, or - for CSV on standard output [default: beside the plan].",
         ),
-    ] = None,
+    ] = None
     format_: Annotated[
         FormatName,
         typer.Option(
@@ -56,11 +57,11 @@ def export(
             "jtc: parameters and goal of a JointTrajectoryController; usd: an animated scene; "
             "regulator: code and tables that correct commands by joint angles.",
         ),
-    ] = "csv",
+    ] = "csv"
     rate: Annotated[
         float | None,
         typer.Option(metavar="HZ", help="Samples a second [default: the plan's own samples]."),
-    ] = None,
+    ] = None
     gains: Annotated[
         str | None,
         typer.Option(
@@ -68,21 +69,21 @@ def export(
             help="P gains of the controller [N m/rad]: a number, a YAML file of `joint: gain`, or "
             "rigid for simulators whose links do not bend [default: the robot's joint_stiffness].",
         ),
-    ] = None,
+    ] = None
     feedforward: Annotated[
         bool,
         typer.Option(
             "--feedforward",
             help="Tell torques apart: commands are the angles, whatever the gains are.",
         ),
-    ] = False,
+    ] = False
     gravity: Annotated[
         bool | None,
         typer.Option(
             "--gravity/--no-gravity",
             help="Effort contains what holds the links' own weight [default: with jtc].",
         ),
-    ] = None,
+    ] = None
     ramp: Annotated[
         float | None,
         typer.Option(
@@ -90,14 +91,14 @@ def export(
             min=0,
             help="Load ramps before and after the plan [s] [default: 3 with jtc, otherwise 0].",
         ),
-    ] = None,
+    ] = None
     unverified: Annotated[
         bool,
         typer.Option(
             "--unverified",
             help="Also a plan that fails its verification, which the exported files then say.",
         ),
-    ] = False,
+    ] = False
     instances: Annotated[
         Path | None,
         typer.Option(
@@ -106,7 +107,7 @@ def export(
             ".nl files with a table and a checker.",
             rich_help_panel="export --instances",
         ),
-    ] = None,
+    ] = None
     seed: Annotated[
         int | None,
         typer.Option(
@@ -115,7 +116,7 @@ def export(
             help="Of the set [0: the one whose best values are known].",
             rich_help_panel="export --instances",
         ),
-    ] = None,
+    ] = None
     count: Annotated[
         int | None,
         typer.Option(
@@ -124,11 +125,19 @@ def export(
             help="Instances of each family and class [9: 216 in all].",
             rich_help_panel="export --instances",
         ),
-    ] = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    force: Force = False,
-) -> None:
+    ] = None
+    quiet: Quiet = False
+    verbose: Verbose = False
+    force: Force = False
+
+    @property
+    def motion(self) -> MotionOptions:
+        """The options that only motions have."""
+        return MotionOptions(self.rate, self.gains, self.feedforward, self.gravity, self.ramp)
+
+
+@takes_options(ExportOptions)
+def export(context: typer.Context, options: ExportOptions) -> None:
     """Write a plan for a robot or another simulator and print the path.
 
     Without options a CSV: of a climb its trajectory (trajectory.csv), of a bookshelf plan the
@@ -137,79 +146,77 @@ def export(
     stands a JSON file of frames, signs and gains. Exit code 5 if the plan fails its verification,
     unless --unverified is given.
     """
-    options = MotionOptions(rate, gains, feedforward, gravity, ramp)
-    if instances is not None:
-        has_motion_options = options != MotionOptions() or unverified
-        if plan is not None or out is not None or format_ != "csv" or has_motion_options:
-            raise UsageError("--instances DIR: no plan and no option of motions goes with it")
-        print_result(str(_write_instances(context, instances, seed, count, force)))
+    if options.instances is not None:
+        print_result(str(_write_instances(context, options, options.instances)))
         return
-    if plan is None:
+    if options.plan is None:
         raise UsageError("a PLAN is missing, or --instances DIR for the set of problems")
-    if seed is not None or count is not None:
+    if options.seed is not None or options.count is not None:
         raise UsageError("--seed and --count go with --instances")
-    path = find_plan(plan)
+    path = find_plan(options.plan)
     from climbplan.api.kinds import identify_kind
-    from climbplan.cli.unsound import mark_unverified, require_verified
+    from climbplan.cli.unsound import require_verified
 
     kind = identify_kind(path)
-    remark = require_verified(kind, path, unverified)
-    if format_ == "regulator":
-        print_result(str(_write_regulator(context, path, out, options, force, remark)))
-        return
-    if format_ != "csv" or options != MotionOptions():
-        print_result(str(_write_motion(kind, path, out, format_, options, force, remark=remark)))
-        return
-    if out == "-":
+    remark = require_verified(kind, path, options.unverified)
+    if options.format_ == "regulator":
+        print_result(str(_write_regulator(context, path, options, remark)))
+    elif options.format_ != "csv" or options.motion != MotionOptions():
+        print_result(str(_write_motion(kind, path, options, remark)))
+    elif options.out == "-":
         with standard_output() as stream:
             if remark:
                 stream.write(f"# {remark}\n")
             kind.export_csv(path, stream)
-        return
-    target = Path(out) if out is not None else path.parent / kind.csv_name
-    _require_free(target, force)
-    kind.export_csv(path, target)
-    mark_unverified(target, remark)
-    print_result(str(target))
+    else:
+        print_result(str(_write_csv(kind, path, options, remark)))
 
 
-def _write_instances(
-    context: typer.Context, target: Path, seed: int | None, count: int | None, force: bool
-) -> Path:
+def _write_instances(context: typer.Context, options: ExportOptions, target: Path) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
+
+    has_motion_options = options.motion != MotionOptions() or options.unverified
+    has_plan_options = options.out is not None or options.format_ != "csv" or has_motion_options
+    if options.plan is not None or has_plan_options:
+        raise UsageError("--instances DIR: no plan and no option of motions goes with it")
     from climbplan.instances.families import COUNT
     from climbplan.instances.writing import KNOWN_SEED, write_set
 
     session = context.ensure_object(Invocation)
-    set_seed = KNOWN_SEED if seed is None else seed
-    each = COUNT if count is None else count
-    with OutputDirectory(target, force) as output, StageProgress(session) as progress:
+    set_seed = KNOWN_SEED if options.seed is None else options.seed
+    each = COUNT if options.count is None else options.count
+    with OutputDirectory(target, options.force) as output, StageProgress(session) as progress:
         number = write_set(output.path, set_seed, each, progress.report)
         output.publish()
     session.note(f"{number} instances, seed {set_seed}; instances.csv lists them")
     return target
 
 
+def _write_csv(kind: PlanKind, path: Path, options: ExportOptions, remark: str) -> Path:
+    from climbplan.cli.unsound import mark_unverified
+
+    target = Path(options.out) if options.out is not None else path.parent / kind.csv_name
+    _require_free(target, options.force)
+    kind.export_csv(path, target)
+    mark_unverified(target, remark)
+    return target
+
+
 def _write_regulator(
-    context: typer.Context,
-    path: Path,
-    out: str | None,
-    options: MotionOptions,
-    force: bool,
-    remark: str,
+    context: typer.Context, path: Path, options: ExportOptions, remark: str
 ) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.unsound import mark_unverified
     from climbplan.climb.exports.regulator_files import write_regulator
 
-    if out == "-" or options != MotionOptions(gains=options.gains):
+    if options.out == "-" or options.motion != MotionOptions(gains=options.gains):
         raise UsageError(
             "--format regulator: code and tables for any rate; expected --gains or nothing, no "
             "--rate, no other option and no -o -"
         )
-    target = Path(out) if out is not None else path.parent / "regulator"
-    with OutputDirectory(target, force) as output:
+    target = Path(options.out) if options.out is not None else path.parent / "regulator"
+    with OutputDirectory(target, options.force) as output:
         took = write_regulator(path, options.gains, output.path)
         mark_unverified(output.path, remark)
         output.publish()
@@ -220,16 +227,7 @@ def _write_regulator(
     return target
 
 
-def _write_motion(
-    kind: PlanKind,
-    path: Path,
-    out: str | None,
-    format_: FormatName,
-    options: MotionOptions,
-    force: bool,
-    *,
-    remark: str,
-) -> Path:
+def _write_motion(kind: PlanKind, path: Path, options: ExportOptions, remark: str) -> Path:
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.unsound import mark_unverified, name_unverified
     from climbplan.exports.formats import (
@@ -239,15 +237,15 @@ def _write_motion(
         apply_trajectory_controller_defaults,
     )
 
-    if out == "-":
+    if options.out == "-":
         raise UsageError("-o -: only the plain CSV goes to standard output")
-    chosen = FORMATS[format_]
-    target = Path(out) if out is not None else path.parent / chosen.name
+    chosen = FORMATS[options.format_]
+    target = Path(options.out) if options.out is not None else path.parent / chosen.name
     if not chosen.directory:
-        _require_free(target, force)
+        _require_free(target, options.force)
     plan = kind.read_motion(path)
     how = ControllerOptions(options.rate, options.gains, options.feedforward)
-    if format_ == "jtc":
+    if options.format_ == "jtc":
         how = apply_trajectory_controller_defaults(plan, how)
     if options.gravity is not None:
         how = replace(how, gravity=options.gravity)
@@ -258,7 +256,7 @@ def _write_motion(
         warn(note)
     motion = name_unverified(motion, remark)
     if chosen.directory:
-        with OutputDirectory(target, force) as output:
+        with OutputDirectory(target, options.force) as output:
             chosen.write(motion, output.path)
             mark_unverified(output.path, remark)
             output.publish()

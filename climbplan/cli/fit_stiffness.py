@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from climbplan.cli.console import Invocation, print_json, print_result
 from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Verbose
 from climbplan.errors import UsageError
+
+if TYPE_CHECKING:
+    from climbplan.mechanics.identification.study import Identification
+    from climbplan.robots.model import Robot
 
 
 def fit_stiffness(
@@ -47,17 +51,11 @@ def fit_stiffness(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.robots.any_robot import build_robot
-    from climbplan.schema.fields import find_closest_name
     from climbplan.schema.robots.source import load_any_robot
 
     session = context.ensure_object(Invocation)
     limb_of = build_robot(load_any_robot(robot))
-    names = limb_of.limb_names
-    if limb is not None and limb not in names:
-        suggestion = find_closest_name(limb, list(names))
-        hint = f"; did you mean {suggestion!r}?" if suggestion else ""
-        raise UsageError(f"--limb {limb!r}: {limb_of.name} has the limbs {', '.join(names)}{hint}")
-    number = 0 if limb is None else names.index(limb)
+    number = 0 if limb is None else _find_limb(limb_of, limb)
     target = out if out is not None else Path("outputs", data.stem)
     with OutputDirectory(target, force=force) as directory:
         from climbplan.mechanics.identification.study import identify
@@ -67,17 +65,32 @@ def fit_stiffness(
             identification = identify(
                 data, limb_of, seed or 0, lambda part: progress.report("fit", part), number
             )
-        for line in identification.measurements.skipped:
-            session.note(f"left out: {line}")
-        best = identification.best
-        session.note(
-            f"{data.stem}   {limb_of.name}: {len(best.matrices)} matrices, {best.model.name}"
-        )
-        for line in identification.findings:
-            session.note(f"  {line}")
+        for line in _summary(identification, data.stem, limb_of.name):
+            session.note(line)
         write_report(identification, data.stem, directory.path)
         directory.publish()
     if as_json:
         print_json({**build_report(identification, data.stem), "file": str(target / RESULT)})
     else:
         print_result(str(target / RESULT))
+
+
+def _summary(identification: Identification, name: str, robot_name: str) -> list[str]:
+    best = identification.best
+    return [
+        *(f"left out: {line}" for line in identification.measurements.skipped),
+        f"{name}   {robot_name}: {len(best.matrices)} matrices, {best.model.name}",
+        *(f"  {line}" for line in identification.findings),
+    ]
+
+
+def _find_limb(robot: Robot, name: str) -> int:
+    """Return the number of a limb; raises UsageError if the robot has none of that name."""
+    from climbplan.schema.fields import find_closest_name
+
+    names = robot.limb_names
+    if name in names:
+        return names.index(name)
+    suggestion = find_closest_name(name, list(names))
+    hint = f"; did you mean {suggestion!r}?" if suggestion else ""
+    raise UsageError(f"--limb {name!r}: {robot.name} has the limbs {', '.join(names)}{hint}")

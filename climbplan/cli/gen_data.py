@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,7 +13,17 @@ import typer
 from climbplan.api.plan_path import DATASET_FILE
 from climbplan.cli.console import Invocation, print_json, print_result, warn
 from climbplan.cli.dataset_progress import DatasetProgress
-from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
+from climbplan.cli.options import (
+    Force,
+    Json,
+    Out,
+    Quiet,
+    Seed,
+    Set,
+    Spec,
+    Verbose,
+    takes_options,
+)
 from climbplan.cli.solve_problem import ProblemName, load_problem, run_user_code
 from climbplan.cli.verify_line import format_verification
 from climbplan.errors import ExitCode, PlanFileError, UsageError
@@ -22,19 +33,21 @@ if TYPE_CHECKING:
     from climbplan.datasets.recipe import Recipe
     from climbplan.datasets.schema.loading import LoadedDataset
     from climbplan.program.problem import Problem
+    from climbplan.verification.verification import Verification
 
 
-def gen_data(
-    context: typer.Context,
-    spec: Spec,
-    *,
-    problem: ProblemName = None,
-    out: Out = None,
-    assignments: Set = None,
-    seed: Seed = None,
+@dataclass(frozen=True, kw_only=True)
+class GenDataOptions:
+    """Spec and options of `climbplan gen-data` as they are given."""
+
+    spec: Spec
+    problem: ProblemName = None
+    out: Out = None
+    assignments: Set = None
+    seed: Seed = None
     jobs: Annotated[
         int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Worker processes.")
-    ] = 1,
+    ] = 1
     scheduler: Annotated[
         str | None,
         typer.Option(
@@ -42,22 +55,25 @@ def gen_data(
             metavar="ADDRESS",
             help="Workers of a Dask cluster instead: tcp://HOST:PORT, or local-cluster:N.",
         ),
-    ] = None,
+    ] = None
     time_limit: Annotated[
         float | None, typer.Option("--time-limit", metavar="SECONDS", help="Time limit of one row.")
-    ] = None,
+    ] = None
     method: Annotated[
         str | None,
         typer.Option("--method", metavar="NAME", help="Method, as `problem.solver.method`."),
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on with a run that was stopped.")
-    ] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    force: Force = False,
-) -> None:
+    ] = None
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with a run that was stopped.")] = (
+        False
+    )
+    as_json: Json = False
+    quiet: Quiet = False
+    verbose: Verbose = False
+    force: Force = False
+
+
+@takes_options(GenDataOptions)
+def gen_data(context: typer.Context, options: GenDataOptions) -> None:
     """Sample problems of one kind, solve them all, and keep every outcome as a row.
 
     Prints the path of dataset.h5. The same rows come about with any number of workers, on this
@@ -66,52 +82,40 @@ def gen_data(
     code 4 if no row has an answer, 5 if an answer fails its check.
     """
     from climbplan.cli.output_directory import OutputDirectory
-    from climbplan.cli.spec_options import key_overrides
-    from climbplan.datasets.schema.loading import load_dataset
 
     session = context.ensure_object(Invocation)
-    overrides = key_overrides(
-        assignments,
-        ("seed", "--seed", seed),
-        ("problem.solver.time_limit", "--time-limit", time_limit),
-        ("problem.solver.method", "--method", method),
-    )
-    loaded = load_dataset(spec, overrides)
-    target = out if out is not None else Path("outputs", loaded.name)
-    if resume and not force and _is_complete(target, loaded):
+    loaded = _load_spec(options)
+    target = options.out if options.out is not None else Path("outputs", loaded.name)
+    if options.resume and not options.force and _is_complete(target, loaded):
         session.note(f"{target}: complete already")
-        if as_json:
+        if options.as_json:
             print_json({"plan": str(target / DATASET_FILE), "complete": True})
         else:
             print_result(str(target / DATASET_FILE))
         return
-    with run_user_code(session), OutputDirectory(target, force=force) as directory:
+    with run_user_code(session), OutputDirectory(target, force=options.force) as directory:
         # Compiled functions and solvers take a second to import: not before the paths are good.
-        from climbplan.datasets.check.verification import verify_and_mark
         from climbplan.datasets.generate import RunOptions, generate_rows
         from climbplan.datasets.pages.report import build_report_values, write_report
-        from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
+        from climbplan.store.dataset_file import read_dataset_file
 
-        stated = _load_statement(loaded, problem)
-        recipe = _build_recipe(loaded, problem)
-        options = RunOptions(target, jobs, scheduler, resume, force)
-        session.note(_format_head(loaded, options.scheduler or f"{jobs} worker{'s' * (jobs > 1)}"))
+        statement = _load_statement(loaded, options.problem)
+        recipe = _build_recipe(loaded, options.problem)
+        jobs = options.jobs
+        run_options = RunOptions(target, jobs, options.scheduler, options.resume, options.force)
+        workers = options.scheduler or f"{jobs} worker{'s' * (jobs > 1)}"
+        session.note(_format_head(loaded, workers))
+        files = _list_files(loaded, options.problem)
         with DatasetProgress(session) as progress:
-            run = generate_rows(
-                loaded, recipe, _list_files(loaded, problem), options, progress.report, session.note
-            )
+            run = generate_rows(loaded, recipe, files, run_options, progress.report, session.note)
             with run as generated_rows:
                 progress.stop()
-                session.note(_format_summary(generated_rows))
                 path = directory.path / DATASET_FILE
-                write_dataset_file(generated_rows.data, path)
-                begin = time.perf_counter()
-                verification = verify_and_mark(path, stated)
-                session.note(format_verification(verification, time.perf_counter() - begin))
+                verification = _write_rows(session, generated_rows, path, statement)
                 data = read_dataset_file(path)
                 write_report(path, directory.path, verification)
                 directory.publish()
-    if as_json:
+    if options.as_json:
         print_json({**build_report_values(data, verification), "plan": str(target / DATASET_FILE)})
     else:
         print_result(str(target / DATASET_FILE))
@@ -119,6 +123,34 @@ def gen_data(
         raise typer.Exit(ExitCode.UNVERIFIED)
     if not data.feasible.any():
         raise typer.Exit(ExitCode.LIMIT)
+
+
+def _load_spec(options: GenDataOptions) -> LoadedDataset:
+    from climbplan.cli.spec_options import key_overrides
+    from climbplan.datasets.schema.loading import load_dataset
+
+    overrides = key_overrides(
+        options.assignments,
+        ("seed", "--seed", options.seed),
+        ("problem.solver.time_limit", "--time-limit", options.time_limit),
+        ("problem.solver.method", "--method", options.method),
+    )
+    return load_dataset(options.spec, overrides)
+
+
+def _write_rows(
+    session: Invocation, generated_rows: Generated, path: Path, statement: Problem | None
+) -> Verification:
+    """Write the rows, then read, verify and mark the file."""
+    from climbplan.datasets.check.verification import verify_and_mark
+    from climbplan.store.dataset_file import write_dataset_file
+
+    session.note(_format_summary(generated_rows))
+    write_dataset_file(generated_rows.data, path)
+    begin = time.perf_counter()
+    verification = verify_and_mark(path, statement)
+    session.note(format_verification(verification, time.perf_counter() - begin))
+    return verification
 
 
 def _is_complete(target: Path, loaded: LoadedDataset) -> bool:

@@ -4,18 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from climbplan.cli.console import Invocation, print_result
-from climbplan.cli.options import Force, Quiet, Verbose
+from climbplan.cli.options import Force, Quiet, Verbose, takes_options
 from climbplan.errors import UsageError
 
 
-def new(
-    context: typer.Context,
+@dataclass(frozen=True, kw_only=True)
+class NewOptions:
+    """Kind, directory and options of `climbplan new` as they are given."""
+
     kind: Annotated[
         str,
         typer.Argument(
@@ -23,11 +26,10 @@ def new(
             help="Kind: climb, transition, bookshelf, mpc, limms, program, dataset, strategy, "
             "robot, module.",
         ),
-    ],
-    *,
+    ]
     directory: Annotated[
         Path, typer.Argument(metavar="DIR", help="Where to write it [default: here].")
-    ] = Path(),
+    ] = Path()
     example: Annotated[
         str | None,
         typer.Option(
@@ -35,7 +37,7 @@ def new(
             metavar="NAME",
             help="Another example: climb_tube, or robot_walker for a robot from a URDF.",
         ),
-    ] = None,
+    ] = None
     urdf: Annotated[
         Path | None,
         typer.Option(
@@ -43,7 +45,7 @@ def new(
             metavar="FILE",
             help="Kind robot: propose one from its URDF or MJCF, with plans of a walk and a climb.",
         ),
-    ] = None,
+    ] = None
     package: Annotated[
         str | None,
         typer.Option(
@@ -51,7 +53,7 @@ def new(
             metavar="NAME:PART",
             help="The same for a URDF of an installed Python package, by part of its path.",
         ),
-    ] = None,
+    ] = None
     toes: Annotated[
         str | None,
         typer.Option(
@@ -60,11 +62,14 @@ def new(
             help="With --urdf or --package: links that its legs end in, by commas; two are flat "
             "feet [default: found].",
         ),
-    ] = None,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    force: Force = False,
-) -> None:
+    ] = None
+    quiet: Quiet = False
+    verbose: Verbose = False
+    force: Force = False
+
+
+@takes_options(NewOptions)
+def new(context: typer.Context, options: NewOptions) -> None:
     """Write a commented example spec that runs as it is, and print its path.
 
     With --urdf or --package: NAME.yaml, specs of a robot on the ground, between walls, from the
@@ -72,19 +77,11 @@ def new(
     alone) and the page NAME.html, with legs, toes, postures and stiffness proposed and what is
     assumed marked.
     """
-    if urdf is not None or package is not None:
-        _write_new_robot(
-            context,
-            kind,
-            urdf,
-            package,
-            example,
-            _parse_toe_links(toes),
-            directory=directory,
-            force=force,
-        )
+    session = context.ensure_object(Invocation)
+    if options.urdf is not None or options.package is not None:
+        _write_new_robot(session, options, _parse_toe_links(options.toes))
         return
-    if toes is not None:
+    if options.toes is not None:
         raise UsageError("--toes is of a robot from a URDF: expected --urdf or --package with it")
     from climbplan.schema.examples import (
         ABOUT,
@@ -94,23 +91,23 @@ def new(
         read_example_data,
     )
 
+    kind, directory = options.kind, options.directory
     if kind not in FIRST_EXAMPLE:
         raise UsageError(f"no spec kind {kind!r}, known are {', '.join(FIRST_EXAMPLE)}")
-    name = example or FIRST_EXAMPLE[kind]
-    if example is not None and example not in list_example_names(kind):
+    name = options.example or FIRST_EXAMPLE[kind]
+    if options.example is not None and options.example not in list_example_names(kind):
         names = ", ".join(list_example_names(kind))
-        raise UsageError(f"no example {example!r} of kind {kind!r}, there are {names}")
+        raise UsageError(f"no example {options.example!r} of kind {kind!r}, there are {names}")
     text = read_example(name)
     target = directory / f"{name}.yaml"
     content = {target: text.encode()}
     content |= {directory / data: value for data, value in read_example_data(name).items()}
-    _write_all(content, directory, force)
+    _write_all(content, directory, options.force)
     other_examples = [
         f"{o} ({ABOUT[o]})" if o in ABOUT else o for o in list_example_names(kind) if o != name
     ]
     if other_examples:
-        listed = ", ".join(other_examples)
-        context.ensure_object(Invocation).note(f"other examples (--example NAME): {listed}")
+        session.note(f"other examples (--example NAME): {', '.join(other_examples)}")
     print_result(str(target))
 
 
@@ -150,32 +147,22 @@ def _refuse_existing(paths: Iterable[Path], force: bool) -> None:
             raise UsageError(f"{path}: already exists; --force replaces it")
 
 
-def _write_new_robot(
-    context: typer.Context,
-    kind: str,
-    urdf: Path | None,
-    package: str | None,
-    example: str | None,
-    toes: tuple[str, ...],
-    *,
-    directory: Path,
-    force: bool,
-) -> None:
+def _write_new_robot(session: Invocation, options: NewOptions, toes: tuple[str, ...]) -> None:
     """Write the files of a robot from a URDF."""
-    if kind != "robot":
-        raise UsageError(f"--urdf and --package are for `new robot`, not for kind {kind!r}")
-    sources = {"--urdf": urdf, "--package": package, "--example": example}
+    if options.kind != "robot":
+        raise UsageError(f"--urdf and --package are for `new robot`, not for kind {options.kind!r}")
+    sources = {"--urdf": options.urdf, "--package": options.package, "--example": options.example}
     if sum(value is not None for value in sources.values()) > 1:
         raise UsageError("expected one of --urdf, --package and --example")
     from climbplan.api.new_robot import list_file_names, new_robot
     from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
 
-    session = context.ensure_object(Invocation)
-    path = urdf if urdf is not None else find_package_urdf(package or "")
-    _refuse_existing((directory / name for name in list_file_names(path)), force)
+    path = options.urdf if options.urdf is not None else find_package_urdf(options.package or "")
+    directory = options.directory
+    _refuse_existing((directory / name for name in list_file_names(path)), options.force)
     robot_files = new_robot(path, directory, session.note, toes)
     content = {directory / name: text.encode() for name, text in robot_files.files.items()}
-    _write_all(content, directory, force)
+    _write_all(content, directory, options.force)
     for note in robot_files.notes:
         session.note(note)
     print_result(str(directory / f"{robot_files.name}.yaml"))

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 
@@ -71,3 +74,35 @@ Verbose = Annotated[
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace what is already there.")]
+
+
+Options = TypeVar("Options")
+
+
+def takes_options(
+    options: type[Options],
+) -> Callable[[Callable[[typer.Context, Options], None]], Callable[..., None]]:
+    """Return a decorator that makes the fields of a dataclass a command's arguments and options.
+
+    Typer reads them from the signature of a function. The decorated function has that signature
+    and passes all values on as one object, whose order of fields is that of `--help`.
+
+    Args:
+        options: Dataclass whose fields are annotated as the parameters of a Typer command.
+    """
+    hints = get_type_hints(options, include_extras=True)
+    fields = inspect.signature(options).parameters.values()
+    parameters = [
+        inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context),
+        *(field.replace(annotation=hints[field.name]) for field in fields),
+    ]
+
+    def decorate(run: Callable[[typer.Context, Options], None]) -> Callable[..., None]:
+        @wraps(run)
+        def command(context: typer.Context, **values: Any) -> None:
+            run(context, options(**values))
+
+        vars(command)["__signature__"] = inspect.Signature(parameters)
+        return command
+
+    return decorate

@@ -94,9 +94,8 @@ def report(
             raise UsageError("--film: nothing is written with --json")
         print_json({**kind.build_report(path), "plan": str(path)})
         return
-    plan_folder = path.parent
-    target = out if out is not None else plan_folder
-    is_plan_folder = target.resolve() == plan_folder.resolve()
+    target = out if out is not None else path.parent
+    is_plan_folder = target.resolve() == path.parent.resolve()
     with StageProgress(context.ensure_object(Invocation)) as progress:
         progress.report("report", 0.0)
         place_report(
@@ -107,11 +106,9 @@ def report(
         if film is not None:
             from climbplan.exports.film import write_film
 
+            badge = verification.badge + (", fragile" if verification.fragile else "")
             write_film(
-                kind.read_scene(path),
-                film,
-                verification.badge + (", fragile" if verification.fragile else ""),
-                lambda part: progress.report("film", part),
+                kind.read_scene(path), film, badge, lambda part: progress.report("film", part)
             )
     print_result(str(target / PAGE))
     if film is not None:

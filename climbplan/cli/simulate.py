@@ -6,14 +6,27 @@ import math
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from climbplan.api.plan_path import find_plan
 from climbplan.cli.console import Invocation, print_json, print_result, warn
-from climbplan.cli.options import Force, Jobs, Json, Out, Plan, Quiet, Seed, Verbose
+from climbplan.cli.options import (
+    Force,
+    Jobs,
+    Json,
+    Out,
+    Plan,
+    Quiet,
+    Seed,
+    Verbose,
+    takes_options,
+)
 from climbplan.errors import UsageError, VerificationFailed
+
+if TYPE_CHECKING:
+    from climbplan.simulation.request import SimulationRequest
 
 
 class Regulated(StrEnum):
@@ -33,11 +46,12 @@ class SimulationEngine(StrEnum):
     drake = "drake"
 
 
-def simulate(
-    context: typer.Context,
-    plan: Plan,
-    *,
-    out: Out = None,
+@dataclass(frozen=True, kw_only=True)
+class SimulateOptions:
+    """Plan and options of `climbplan simulate` as they are given."""
+
+    plan: Plan
+    out: Out = None
     runs: Annotated[
         int,
         typer.Option(
@@ -48,7 +62,7 @@ def simulate(
             "more mass, motors' gain 95 to 105 %, one toe without friction for 0.2 s. What "
             "`uncertainty` says has no part in them, but in --worlds.",
         ),
-    ] = 0,
+    ] = 0
     sweep: Annotated[
         str | None,
         typer.Option(
@@ -56,19 +70,19 @@ def simulate(
             metavar="KEY=V1,V2,...",
             help="Plan anew at these values: force.safety_friction=1,1.5,2; worlds as of --runs.",
         ),
-    ] = None,
+    ] = None
     friction: Annotated[
         float, typer.Option("--friction", metavar="FACTOR", min=0.0, help="On the coefficients.")
-    ] = 1.0,
+    ] = 1.0
     payload: Annotated[
         float, typer.Option("--payload", metavar="KG", help="Mass the plan does not know.")
-    ] = 0.0,
+    ] = 0.0
     gain: Annotated[
         float, typer.Option("--gain", metavar="FACTOR", min=0.01, help="On the motors' P gain.")
-    ] = 1.0,
+    ] = 1.0
     backlash_deg: Annotated[
         float, typer.Option("--backlash-deg", metavar="DEG", min=0.0, help="Play of every joint.")
-    ] = 0.0,
+    ] = 0.0
     limb_mass_share: Annotated[
         float | None,
         typer.Option(
@@ -78,7 +92,7 @@ def simulate(
             max=0.95,
             help="Part of the mass that is in the limbs [default: as the URDF says, else 0.02].",
         ),
-    ] = None,
+    ] = None
     armature: Annotated[
         str,
         typer.Option(
@@ -87,7 +101,7 @@ def simulate(
             help="Factor on the rotor inertia of all joints, or =VALUE of each "
             "[kg m^2; default 1, of what the robot file says].",
         ),
-    ] = "1",
+    ] = "1"
     damping: Annotated[
         str,
         typer.Option(
@@ -96,19 +110,19 @@ def simulate(
             help="Factor on the derivative gain and viscous friction of all joints, or =VALUE of "
             "each gain [N m s/rad; default 1, of what the robot file says].",
         ),
-    ] = "1",
+    ] = "1"
     limb_weights: Annotated[
         bool,
         typer.Option(
             "--limb-weights/--no-limb-weights", help="Whether motors are told to carry the links."
         ),
-    ] = True,
+    ] = True
     speed: Annotated[
         float, typer.Option("--speed", metavar="FACTOR", min=0.01, help="On the plan's pace.")
-    ] = 1.0,
+    ] = 1.0
     pictures: Annotated[
         bool, typer.Option("--pictures/--no-pictures", help="Whether to render pictures and film.")
-    ] = True,
+    ] = True
     random_backlash_deg: Annotated[
         float,
         typer.Option(
@@ -117,7 +131,7 @@ def simulate(
             min=0.0,
             help="Largest backlash of the joints, drawn for each random run.",
         ),
-    ] = 0.0,
+    ] = 0.0
     regulate: Annotated[
         Regulated | None,
         typer.Option(
@@ -127,10 +141,10 @@ def simulate(
             "[default: joints; of flat feet nothing].",
             show_default=False,
         ),
-    ] = None,
+    ] = None
     delay_ms: Annotated[
         float, typer.Option("--delay-ms", metavar="MS", min=0.0, help="That corrections come late.")
-    ] = 0.0,
+    ] = 0.0
     joint_noise_deg: Annotated[
         float,
         typer.Option(
@@ -139,7 +153,7 @@ def simulate(
             min=0.0,
             help="Standard deviation of what the joints' sensors tell the regulator.",
         ),
-    ] = 0.0,
+    ] = 0.0
     most_slips: Annotated[
         int | None,
         typer.Option(
@@ -148,11 +162,11 @@ def simulate(
             min=0,
             help="Slips and lost contacts together that are let pass [default: 0; walks: 4].",
         ),
-    ] = None,
+    ] = None
     allow_falls: Annotated[
         bool,
         typer.Option("--allow-falls", help="End with 0 whatever the robot does, for studies."),
-    ] = False,
+    ] = False
     push: Annotated[
         list[str] | None,
         typer.Option(
@@ -161,7 +175,7 @@ def simulate(
             help="Push a walking robot from a URDF at T s, by the momentum that is worth such a "
             "change of velocity [m/s]; may be given again.",
         ),
-    ] = None,
+    ] = None
     worlds: Annotated[
         int,
         typer.Option(
@@ -170,7 +184,7 @@ def simulate(
             min=0,
             help="Worlds drawn from the plan's uncertainty, in which falls are counted.",
         ),
-    ] = 0,
+    ] = 0
     engine: Annotated[
         SimulationEngine,
         typer.Option(
@@ -178,7 +192,7 @@ def simulate(
             help="mujoco; statics: quasi-static steps for --worlds; drake: a second engine, which "
             "plays the exported files of a climb or transition on the robot's own URDF.",
         ),
-    ] = SimulationEngine.mujoco,
+    ] = SimulationEngine.mujoco
     urdf: Annotated[
         Path | None,
         typer.Option(
@@ -187,7 +201,7 @@ def simulate(
             help="The robot's URDF, for its meshes [default: where the robot file has it].",
             rich_help_panel="simulate --engine drake",
         ),
-    ] = None,
+    ] = None
     sphere_toes: Annotated[
         bool,
         typer.Option(
@@ -195,7 +209,7 @@ def simulate(
             help="Toes are spheres of the foot's radius, not the URDF's collision geometry.",
             rich_help_panel="simulate --engine drake",
         ),
-    ] = False,
+    ] = False
     rare: Annotated[
         bool,
         typer.Option(
@@ -203,18 +217,21 @@ def simulate(
             help="Estimate the probability of a fall from --worlds by splitting, which tells one "
             "in a thousand from one in a hundred thousand; with --engine statics.",
         ),
-    ] = False,
+    ] = False
     workers: Annotated[
         int | None,
         typer.Option("--workers", metavar="W", min=1, help="As --jobs, of --worlds."),
-    ] = None,
-    jobs: Jobs = 1,
-    seed: Seed = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    force: Force = False,
-) -> None:
+    ] = None
+    jobs: Jobs = 1
+    seed: Seed = None
+    as_json: Json = False
+    quiet: Quiet = False
+    verbose: Verbose = False
+    force: Force = False
+
+
+@takes_options(SimulateOptions)
+def simulate(context: typer.Context, options: SimulateOptions) -> None:
     """Replay a climb, transition, walk or plan of modules in MuJoCo and compare it with its plan.
 
     Climbs and transitions: torques, friction and sag of the whole robot. Walks (plans of kind mpc):
@@ -237,48 +254,70 @@ def simulate(
     --friction, --gain, --armature =VALUE (default =0), --damping FACTOR, --regulate joints or
     nothing, --most-slips and --allow-falls go with it.
     """
-    path = find_plan(plan)
-    key, values = _parse_sweep(sweep)
-    if seed is not None and seed < 0:
-        raise UsageError(f"--seed {seed}: expected a whole number >= 0")
-    if engine is SimulationEngine.drake:
-        mujoco_options = (
-            runs, sweep, payload, backlash_deg, limb_mass_share, not limb_weights, speed != 1.0,
-            random_backlash_deg, delay_ms, joint_noise_deg, push, worlds, rare,
-        )  # fmt: skip
-        rotors, gains = parse_scale("--armature", armature), parse_scale("--damping", damping)
-        if (rotors.value is None and rotors.factor != 1.0) or gains.value is not None:
-            raise UsageError(
-                "--engine drake: expected --armature =VALUE [kg m^2; default =0] and --damping "
-                "FACTOR on the exported D gains [default 1]"
-            )
-        if any(mujoco_options) or regulate in (Regulated.attitude, Regulated.pose):
-            raise UsageError(
-                "--engine drake: expected no option of other engines; --friction, --gain, "
-                "--armature, --damping, --regulate joints or nothing, --urdf, --sphere-toes, "
-                "--most-slips and --allow-falls go with it"
-            )
-        from climbplan.cli.simulate_drake import DrakeOptions, OutputOptions, run_in_drake
-
-        run_in_drake(
-            context.ensure_object(Invocation),
-            path,
-            DrakeOptions(
-                friction,
-                gain,
-                0.0 if rotors.value is None else rotors.value,
-                gains.factor,
-                regulate,
-                urdf,
-                sphere_toes,
-            ),
-            OutputOptions(out, force, as_json, most_slips, allow_falls),
-        )
+    path = find_plan(options.plan)
+    sweep = _parse_sweep(options.sweep)
+    if options.seed is not None and options.seed < 0:
+        raise UsageError(f"--seed {options.seed}: expected a whole number >= 0")
+    session = context.ensure_object(Invocation)
+    if options.engine is SimulationEngine.drake:
+        _play_in_drake(session, path, options)
         return
-    if urdf is not None or sphere_toes:
+    if options.urdf is not None or options.sphere_toes:
         raise UsageError("--urdf and --sphere-toes go with --engine drake")
-    if rare and (not worlds or engine is not SimulationEngine.statics):
+    if options.rare and (not options.worlds or options.engine is not SimulationEngine.statics):
         raise UsageError("--rare: expected --worlds N and --engine statics beside it")
+    _replay(session, path, options, sweep)
+
+
+def _play_in_drake(session: Invocation, path: Path, options: SimulateOptions) -> None:
+    """Play the exported files of a plan in Drake; raises UsageError for other engines' options."""
+    mujoco_options = (
+        options.runs, options.sweep, options.payload, options.backlash_deg,
+        options.limb_mass_share, not options.limb_weights, options.speed != 1.0,
+        options.random_backlash_deg, options.delay_ms, options.joint_noise_deg, options.push,
+        options.worlds, options.rare,
+    )  # fmt: skip
+    rotors = parse_scale("--armature", options.armature)
+    gains = parse_scale("--damping", options.damping)
+    if (rotors.value is None and rotors.factor != 1.0) or gains.value is not None:
+        raise UsageError(
+            "--engine drake: expected --armature =VALUE [kg m^2; default =0] and --damping "
+            "FACTOR on the exported D gains [default 1]"
+        )
+    if any(mujoco_options) or options.regulate in (Regulated.attitude, Regulated.pose):
+        raise UsageError(
+            "--engine drake: expected no option of other engines; --friction, --gain, "
+            "--armature, --damping, --regulate joints or nothing, --urdf, --sphere-toes, "
+            "--most-slips and --allow-falls go with it"
+        )
+    from climbplan.cli.simulate_drake import DrakeOptions, OutputOptions, run_in_drake
+
+    run_in_drake(
+        session,
+        path,
+        DrakeOptions(
+            options.friction,
+            options.gain,
+            0.0 if rotors.value is None else rotors.value,
+            gains.factor,
+            options.regulate,
+            options.urdf,
+            options.sphere_toes,
+        ),
+        OutputOptions(
+            options.out, options.force, options.as_json, options.most_slips, options.allow_falls
+        ),
+    )
+
+
+def _replay(
+    session: Invocation, path: Path, options: SimulateOptions, sweep: tuple[str, tuple[float, ...]]
+) -> None:
+    """Replay a plan in MuJoCo or quasi-static steps, write the record, and print its path.
+
+    Raises:
+        VerificationFailed: the robot falls, or loses more contacts than --most-slips.
+    """
     from climbplan.api.simulating import find_simulator
 
     kind = find_simulator(path)
@@ -286,64 +325,73 @@ def simulate(
     from climbplan.cli.output_directory import OutputDirectory
     from climbplan.cli.progress import StageProgress
     from climbplan.cli.unsound import warn_of_failure
-    from climbplan.simulation.conditions import Conditions
     from climbplan.simulation.report_files import RESULT, write_simulation
-    from climbplan.simulation.request import SimulationRequest
 
-    rotors, gains = parse_scale("--armature", armature), parse_scale("--damping", damping)
-    request = SimulationRequest(
-        conditions=Conditions(
-            friction=friction,
-            payload=payload,
-            gain=gain,
-            limb_mass_share=limb_mass_share,
-            armature=rotors.factor,
-            armature_value=rotors.value,
-            damping=gains.factor,
-            damping_value=gains.value,
-            backlash=math.radians(backlash_deg),
-            limb_weights=limb_weights,
-            speed=speed,
-            regulator=None if regulate is None else regulate.value,
-            delay=delay_ms / 1e3,
-            joint_noise=math.radians(joint_noise_deg),
-            noise_seed=seed or 0,
-        ),
-        runs=runs,
-        sweep_key=key,
-        sweep_values=values,
-        max_backlash=math.radians(random_backlash_deg),
-        seed=seed or 0,
-        jobs=workers or jobs,
-        pictures=pictures,
-        pushes=tuple(map(parse_push, push or ())),
-        worlds=worlds,
-        engine="statics" if engine is SimulationEngine.statics else "mujoco",
-        rare=rare,
-    )
-    session = context.ensure_object(Invocation)
+    request = _build_request(options, sweep)
     warn_of_failure(identify_kind(path), path)
     name, run = kind(path)
-    target = out if out is not None else Path("outputs", f"{name}_simulation")
-    with OutputDirectory(target, force=force) as directory:
+    target = options.out if options.out is not None else Path("outputs", f"{name}_simulation")
+    with OutputDirectory(target, force=options.force) as directory:
         with StageProgress(session) as progress:
             record, outcome = run(request, progress.report)
         session.note(f"{name}   {record.headline}")
         for line in outcome:
             session.note(f"  {line}")
         picture_note = record.report["pictures"]
-        if pictures and record.film is None:
+        if options.pictures and record.film is None:
             warn(picture_note)
         write_simulation(record, directory.path)
         directory.publish()
-    failure = "" if allow_falls else record.end.failure(most_slips)
-    if as_json:
+    failure = "" if options.allow_falls else record.end.failure(options.most_slips)
+    if options.as_json:
         where = {"plan": str(path), "file": str(target / RESULT)}
         print_json({**record.report, **where})
     else:
         print_result(str(target / RESULT))
     if failure:
         raise VerificationFailed(failure)
+
+
+def _build_request(
+    options: SimulateOptions, sweep: tuple[str, tuple[float, ...]]
+) -> SimulationRequest:
+    """Build the request for the simulator in SI units; raises UsageError for malformed texts."""
+    from climbplan.simulation.conditions import Conditions
+    from climbplan.simulation.request import SimulationRequest
+
+    rotors = parse_scale("--armature", options.armature)
+    gains = parse_scale("--damping", options.damping)
+    sweep_key, sweep_values = sweep
+    return SimulationRequest(
+        conditions=Conditions(
+            friction=options.friction,
+            payload=options.payload,
+            gain=options.gain,
+            limb_mass_share=options.limb_mass_share,
+            armature=rotors.factor,
+            armature_value=rotors.value,
+            damping=gains.factor,
+            damping_value=gains.value,
+            backlash=math.radians(options.backlash_deg),
+            limb_weights=options.limb_weights,
+            speed=options.speed,
+            regulator=None if options.regulate is None else options.regulate.value,
+            delay=options.delay_ms / 1e3,
+            joint_noise=math.radians(options.joint_noise_deg),
+            noise_seed=options.seed or 0,
+        ),
+        runs=options.runs,
+        sweep_key=sweep_key,
+        sweep_values=sweep_values,
+        max_backlash=math.radians(options.random_backlash_deg),
+        seed=options.seed or 0,
+        jobs=options.workers or options.jobs,
+        pictures=options.pictures,
+        pushes=tuple(map(parse_push, options.push or ())),
+        worlds=options.worlds,
+        engine="statics" if options.engine is SimulationEngine.statics else "mujoco",
+        rare=options.rare,
+    )
 
 
 def parse_push(text: str) -> tuple[float, tuple[float, float, float]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -23,6 +24,7 @@ from climbplan.cli.options import (
     Spec,
     TimeLimit,
     Verbose,
+    takes_options,
 )
 from climbplan.cli.solve_problem import ProblemName, load_problem, run_user_code
 from climbplan.cli.verify_line import format_verification
@@ -39,22 +41,23 @@ if TYPE_CHECKING:
 _SEQUENCE = ("auto", "branch-and-bound", "benders")  # methods that rows of a sequence may name
 
 
-def solve(
-    context: typer.Context,
-    spec: Spec,
-    *,
-    problem: ProblemName = None,
-    out: Out = None,
-    assignments: Set = None,
-    seed: Seed = None,
-    time_limit: TimeLimit = None,
-    method: Method = None,
-    solver: Solver = None,
-    save_model: SaveModel = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
-    verbose: Verbose = False,
-    force: Force = False,
+@dataclass(frozen=True, kw_only=True)
+class SolveOptions:
+    """Spec and options of `climbplan solve` as they are given."""
+
+    spec: Spec
+    problem: ProblemName = None
+    out: Out = None
+    assignments: Set = None
+    seed: Seed = None
+    time_limit: TimeLimit = None
+    method: Method = None
+    solver: Solver = None
+    save_model: SaveModel = None
+    as_json: Json = False
+    quiet: Quiet = False
+    verbose: Verbose = False
+    force: Force = False
     certificate: Annotated[
         Path | None,
         typer.Option(
@@ -62,14 +65,14 @@ def solve(
             metavar="FILE",
             help="Also write proofs of the bounds, which `climbplan verify` checks on its own.",
         ),
-    ] = None,
+    ] = None
     sequence: Annotated[
         bool,
         typer.Option(
             "--sequence",
             help="Rows are one problem whose parameters change: each is helped by the last.",
         ),
-    ] = False,
+    ] = False
     shift: Annotated[
         int,
         typer.Option(
@@ -78,8 +81,11 @@ def solve(
             min=0,
             help="Of --sequence: steps by which the horizon recedes from row to row.",
         ),
-    ] = 0,
-) -> None:
+    ] = 0
+
+
+@takes_options(SolveOptions)
+def solve(context: typer.Context, options: SolveOptions) -> None:
     """Solve a problem of your own, stated in Python, by any method.
 
     SPEC (kind: program) has the parameters and the method, --problem names the statement. Prints
@@ -89,50 +95,21 @@ def solve(
     proofs are written also where nothing is feasible.
     """
     from climbplan.cli.output_directory import OutputDirectory
-    from climbplan.cli.progress import StageProgress
-    from climbplan.cli.spec_options import spec_overrides
-    from climbplan.schema.program.loading import load_program
 
     session = context.ensure_object(Invocation)
-    if solver and len(solver) > 1:
-        raise UsageError("--solver: one solver expected, methods here use one")
-    only = solver[0] if solver else None
-    if shift and not sequence:
-        raise UsageError("--shift goes with --sequence")
-    loaded = load_program(spec, spec_overrides(assignments, seed, time_limit, method, solver=only))
-    if sequence and (loaded.spec.solver.method not in _SEQUENCE or loaded.spec.solver.solver):
-        raise UsageError(
-            "--sequence: solved by method branch-and-bound or benders, got "
-            f"{loaded.spec.solver.method!r}; give --method branch-and-bound and no solver"
-        )
-    if problem is None:
-        named = f"; the spec is written for {loaded.spec.problem}" if loaded.spec.problem else ""
-        raise UsageError(
-            f"a spec alone imports no code: name the statement with --problem MODULE:OBJECT{named}"
-        )
+    loaded, name = _load_spec(options)
     with run_user_code(session):
-        statement = load_problem(problem)
-        _compare(loaded, problem, statement)
-        if save_model is not None:
-            _save(statement, loaded, save_model)
-        target = out if out is not None else Path("outputs", loaded.name)
-        with OutputDirectory(target, force=force) as directory:
-            from climbplan.methods.run import solve_spec
+        statement = load_problem(name)
+        _compare(loaded, name, statement)
+        if options.save_model is not None:
+            _save(statement, loaded, options.save_model)
+        target = options.out if options.out is not None else Path("outputs", loaded.name)
+        with OutputDirectory(target, force=options.force) as directory:
             from climbplan.reports.program_report import build_report, write_report
             from climbplan.store.program_file import mark_program, write_program
             from climbplan.verification.programs import verify_program
 
-            with StageProgress(session) as progress:
-                done = solve_spec(
-                    statement,
-                    loaded,
-                    progress.report,
-                    shift if sequence else None,
-                    certificate is not None,
-                )
-            if certificate is not None:
-                session.note(_write_certificates(statement, done, loaded, certificate, force))
-            _require_solution(statement, done)
+            done = _solve_rows(session, statement, loaded, options)
             begin = time.perf_counter()
             verification = verify_program(done.plan, statement)
             seconds = time.perf_counter() - begin
@@ -146,12 +123,74 @@ def solve(
     missing = plan.count - int(plan.found.sum())
     if missing:
         warn(f"{missing} of {plan.count} rows have no answer")
-    if as_json:
+    if options.as_json:
         print_json({**report, "plan": str(target / PLAN_FILE)})
     else:
         print_result(str(target / PLAN_FILE))
     if not verification.passed:
         raise typer.Exit(ExitCode.UNVERIFIED)
+
+
+def _load_spec(options: SolveOptions) -> tuple[LoadedProgram, str]:
+    """Load the spec and return it with the name of the statement, MODULE:OBJECT.
+
+    Raises:
+        UsageError: options contradict one another or the spec, or --problem is missing.
+    """
+    from climbplan.cli.spec_options import spec_overrides
+    from climbplan.schema.program.loading import load_program
+
+    solvers = options.solver or []
+    if len(solvers) > 1:
+        raise UsageError("--solver: one solver expected, methods here use one")
+    if options.shift and not options.sequence:
+        raise UsageError("--shift goes with --sequence")
+    overrides = spec_overrides(
+        options.assignments,
+        options.seed,
+        options.time_limit,
+        options.method,
+        solver=solvers[0] if solvers else None,
+    )
+    loaded = load_program(options.spec, overrides)
+    solver = loaded.spec.solver
+    if options.sequence and (solver.method not in _SEQUENCE or solver.solver):
+        raise UsageError(
+            "--sequence: solved by method branch-and-bound or benders, got "
+            f"{solver.method!r}; give --method branch-and-bound and no solver"
+        )
+    if options.problem is None:
+        named = f"; the spec is written for {loaded.spec.problem}" if loaded.spec.problem else ""
+        raise UsageError(
+            f"a spec alone imports no code: name the statement with --problem MODULE:OBJECT{named}"
+        )
+    return loaded, options.problem
+
+
+def _solve_rows(
+    session: Invocation, problem: Problem, loaded: LoadedProgram, options: SolveOptions
+) -> SolvedRows:
+    """Solve all rows and write their certificates.
+
+    Raises:
+        Infeasible: every row is proved infeasible.
+        LimitReached: no row has a solution.
+    """
+    from climbplan.cli.progress import StageProgress
+    from climbplan.methods.run import solve_spec
+
+    with StageProgress(session) as progress:
+        done = solve_spec(
+            problem,
+            loaded,
+            progress.report,
+            options.shift if options.sequence else None,
+            options.certificate is not None,
+        )
+    if options.certificate is not None:
+        session.note(_write_certificates(problem, done, loaded, options.certificate, options.force))
+    _require_solution(problem, done)
+    return done
 
 
 def _compare(loaded: LoadedProgram, name: str, problem: Problem) -> None:

@@ -18,6 +18,28 @@ if TYPE_CHECKING:
     from climbplan.verification.verification import Verification
 
 
+def verify_program_file(
+    path: Path, name: str | None, as_json: bool, session: Invocation, held: HeldSpec | None
+) -> bool:
+    """Check a certificate, dataset or plan of a stated program; False for files of other kinds.
+
+    Raises:
+        UsageError: the file needs a statement and `name` is None, or `held` comes with a
+            certificate.
+    """
+    if is_certificate(path):
+        if held is not None:
+            raise UsageError("--spec: a certificate is of its own spec's numbers")
+        verify_certificate_file(path, name, as_json, session)
+    elif is_program_dataset(path):
+        verify_program_dataset(path, name, as_json, session)
+    elif is_program_plan(path):
+        verify_program_plan(path, name, as_json, session, held)
+    else:
+        return False
+    return True
+
+
 def is_program_plan(path: Path) -> bool:
     """Return whether the file holds solutions of a stated program."""
     from climbplan.store.plan_format import read_plan_format

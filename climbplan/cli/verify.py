@@ -12,20 +12,22 @@ from climbplan.cli.options import Json, Plan, Quiet, Set, Verbose
 from climbplan.cli.solve_problem import ProblemName
 from climbplan.errors import UsageError
 
+UserSpec = Annotated[
+    str | None,
+    typer.Option(
+        "--spec",
+        metavar="SPEC",
+        help="Your own spec, in place of the one that the plan carries.",
+    ),
+]
+
 
 def verify(
     context: typer.Context,
     plan: Plan,
     *,
     problem: ProblemName = None,
-    spec: Annotated[
-        str | None,
-        typer.Option(
-            "--spec",
-            metavar="SPEC",
-            help="Your own spec, in place of the one that the plan carries.",
-        ),
-    ] = None,
+    spec: UserSpec = None,
     assignments: Set = None,
     worlds: Annotated[
         bool,
@@ -62,26 +64,9 @@ def verify(
 
         user_spec = load_spec_to_verify(path, spec, assignments)
     from climbplan.api.kinds import identify_kind
-    from climbplan.cli.solve_verify import (
-        is_certificate,
-        is_program_dataset,
-        is_program_plan,
-        tell,
-        verify_certificate_file,
-        verify_program_dataset,
-        verify_program_plan,
-    )
+    from climbplan.cli.solve_verify import tell, verify_program_file
 
-    if is_certificate(path):
-        if user_spec is not None:
-            raise UsageError("--spec: a certificate is of its own spec's numbers")
-        verify_certificate_file(path, problem, as_json, context.ensure_object(Invocation))
-        return
-    if is_program_dataset(path):
-        verify_program_dataset(path, problem, as_json, context.ensure_object(Invocation))
-        return
-    if is_program_plan(path):
-        verify_program_plan(path, problem, as_json, context.ensure_object(Invocation), user_spec)
+    if verify_program_file(path, problem, as_json, context.ensure_object(Invocation), user_spec):
         return
     verification = identify_kind(path).verify(path, user_spec)
     if worlds:

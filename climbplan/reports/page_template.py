@@ -60,6 +60,7 @@ def build_frame_fields(
     good: bool,
     cards: Iterable[Card],
     images: Mapping[str, bytes],
+    *,
     scripts: Sequence[str] = (),
     data: Mapping[str, Markup] = NOTHING,
     colour: str = "",
@@ -98,6 +99,7 @@ def build_report_fields(
     cards: Iterable[Card],
     images: Mapping[str, bytes],
     status: str,
+    *,
     scripts: Sequence[str] = (),
     data: Mapping[str, Markup] = NOTHING,
 ) -> Fields:

@@ -27,10 +27,13 @@ def build_robot_page(
     outcomes: Sequence[tuple[str, bool]],
     visual_geometry: VisualGeometry | None = None,
 ) -> str:
-    """Return the page; told: what became of each spec that uses the robot, and whether it is a
-    plan.
+    """Return the page of a proposed robot.
 
-    looks: the URDF's visual geometry, which the pictures show.
+    Args:
+        proposal: The robot.
+        brace: Its posture between walls; None without one.
+        outcomes: What became of each spec that uses the robot, and whether it is a plan.
+        visual_geometry: The URDF's, which the pictures show.
     """
     robot = proposal.robot
     facts = measure_robot(robot)
@@ -49,29 +52,13 @@ def build_robot_page(
         images[title] = render_png(draw_robot_picture(braced, title, visual_geometry))
     notes = [("IMPLAUSIBLE", text) for text in proposal.implausible]
     notes += [("ASSUMED", text) for text in proposal.assumptions]
-    cards = [
-        Card("Mass", f"{robot.mass:.4g} kg", f"{len(proposal.tree.links)} links"),
-        Card("Standing height", f"{-robot.stance_body[:, 2].mean():.3f} m", "body above its toes"),
-        Card("Room of a toe", f"{robot.stance_radius:.3f} m", "ball about its stance, sampled"),
-        Card("Reach", f"{robot.reach:.3f} m", "of the leg that reaches least"),
-        Card("Stiffness", f"{proposal.motors.stiffness:g} N m/rad", "of most joints, proposed"),
-    ]
-    inertia = dynamics_of(robot).rotor_inertia[robot.has_joint]
-    cards.append(
-        Card("Rotors", f"{np.median(inertia):.2g} kg m^2", "behind gears, median, for `simulate`")
-    )
-    if (sole := robot.sole) is not None:
-        size = f"{1e3 * sole.length:g} x {1e3 * sole.width:g} mm"
-        cards.append(Card("Feet", size, "soles, by collision geometry"))
-    elif robot.foot is not None:
-        cards.append(Card("Feet", f"{1e3 * robot.foot.radius:g} mm", "spheres round the toes"))
     is_whole = all(good for _, good in outcomes)
     fields = build_frame_fields(
         robot.name,
         ("robot",),
         tuple(outcome_text for outcome_text, _ in outcomes),
         is_whole,
-        cards,
+        _build_cards(proposal),
         images,
     )
     verdict = "Proposed from its URDF: look at what is assumed before it is believed."
@@ -83,6 +70,25 @@ def build_robot_page(
         joints=Table.of(_JOINTS, _build_joint_rows(proposal)),
         links=Table.of(("carried by", "mass [kg]", "links"), _build_link_rows(proposal)),
     )
+
+
+def _build_cards(proposal: RobotProposal) -> list[Card]:
+    robot = proposal.robot
+    inertia = dynamics_of(robot).rotor_inertia[robot.has_joint]
+    cards = [
+        Card("Mass", f"{robot.mass:.4g} kg", f"{len(proposal.tree.links)} links"),
+        Card("Standing height", f"{-robot.stance_body[:, 2].mean():.3f} m", "body above its toes"),
+        Card("Room of a toe", f"{robot.stance_radius:.3f} m", "ball about its stance, sampled"),
+        Card("Reach", f"{robot.reach:.3f} m", "of the leg that reaches least"),
+        Card("Stiffness", f"{proposal.motors.stiffness:g} N m/rad", "of most joints, proposed"),
+        Card("Rotors", f"{np.median(inertia):.2g} kg m^2", "behind gears, median, for `simulate`"),
+    ]
+    if (sole := robot.sole) is not None:
+        size = f"{1e3 * sole.length:g} x {1e3 * sole.width:g} mm"
+        cards.append(Card("Feet", size, "soles, by collision geometry"))
+    elif robot.foot is not None:
+        cards.append(Card("Feet", f"{1e3 * robot.foot.radius:g} mm", "spheres round the toes"))
+    return cards
 
 
 def _build_joint_rows(proposal: RobotProposal) -> list[list[str]]:

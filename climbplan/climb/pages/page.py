@@ -87,8 +87,8 @@ def build_page(plan: ClimbPlan, report: Mapping[str, Any], images: Mapping[str, 
             _build_cards(report),
             images,
             report["status"],
-            scripts,
-            build_data_element("plan-data", build_page_data(plan)),
+            scripts=scripts,
+            data=build_data_element("plan-data", build_page_data(plan)),
         ),
         **build_verification_fields(
             report, {name: limit.meaning for name, limit in LIMITS.items()}

@@ -39,8 +39,8 @@ def build_page(plan: LimmsPlan, report: Mapping[str, Any], images: Mapping[str, 
             _build_cards(report),
             images,
             report["status"],
-            (read_part("replay.js"),),
-            build_data_element("replay-data", build_scene_replay(build_module_scene(plan))),
+            scripts=(read_part("replay.js"),),
+            data=build_data_element("replay-data", build_scene_replay(build_module_scene(plan))),
         ),
         **build_verification_fields(
             report, {name: limit.meaning for name, limit in (LIMITS | MASS_LIMITS).items()}

@@ -157,6 +157,29 @@ def bound_mixed_term(axis: AxisNumbers, corner: CornerNumbers, r: float, other_b
 
 
 @compiled
+def bound_curvature(
+    axis: AxisNumbers, corner: CornerNumbers, other_box: Array, depth: float
+) -> float:
+    """Bound the second derivative of P_v by the own tilt on the boxes from below."""
+    sec, tan, foot, face, turn, _ = axis
+    _, _, u, w = corner
+    low = min(sec[0], sec[2]), min(tan[0], tan[2])
+    high = max(sec[0], sec[2]), max(tan[0], tan[2])
+    # Least second derivatives: T'' = 2 turn |T| / nx^2, Y_v'' = -Y_v, (s c)'' = -s c.
+    end = low if face >= 0 else high
+    curvature = face * end[0] * (end[0] * end[0] + end[1] * end[1]) - max(foot[0], foot[2])
+    if turn > 0 and depth > 0 and minimise_sinusoid(u, w, other_box) >= depth:
+        # T'' (Y_v - depth) and, of T'' depth + A'', - depth / nx / (1 / nx + |T|)^2
+        curvature = -depth * low[0] / (low[0] + low[1]) ** 2 - max(foot[0], foot[2])
+        curvature += 2 * low[1] * low[0] * low[0] * (minimise_sinusoid(u, w, other_box) - depth)
+    elif turn > 0:
+        curvature += 2 * low[1] * low[0] * low[0] * minimise_sinusoid(u, w, other_box)
+    else:
+        curvature -= 2 * high[1] * high[0] * high[0] * maximise_sinusoid(u, w, other_box)
+    return curvature
+
+
+@compiled
 def bound_axis_separation(
     which: int,
     side: float,
@@ -205,19 +228,7 @@ def bound_axis_separation(
     corner = compute_corner_terms(best, other_side, other_width, other_height)
     p, q, u, w = corner
     plane, g, h = expand_taylor(axis, side, corner, other_box)
-    low = min(sec[0], sec[2]), min(tan[0], tan[2])
-    high = max(sec[0], sec[2]), max(tan[0], tan[2])
-    # Least second derivatives: T'' = 2 turn |T| / nx^2, Y_v'' = -Y_v, (s c)'' = -s c.
-    end = low if face >= 0 else high
-    curvature = face * end[0] * (end[0] * end[0] + end[1] * end[1]) - max(foot[0], foot[2])
-    if turn > 0 and depth > 0 and minimise_sinusoid(u, w, other_box) >= depth:
-        # T'' (Y_v - depth) and, of T'' depth + A'', - depth / nx / (1 / nx + |T|)^2
-        curvature = -depth * low[0] / (low[0] + low[1]) ** 2 - max(foot[0], foot[2])
-        curvature += 2 * low[1] * low[0] * low[0] * (minimise_sinusoid(u, w, other_box) - depth)
-    elif turn > 0:
-        curvature += 2 * low[1] * low[0] * low[0] * minimise_sinusoid(u, w, other_box)
-    else:
-        curvature -= 2 * high[1] * high[0] * high[0] * maximise_sinusoid(u, w, other_box)
+    curvature = bound_curvature(axis, corner, other_box, depth)
     slope = max(turn * tan[0], turn * tan[2])
     other_curvature = -maximise_sinusoid(p + slope * u, q + slope * w, other_box)
     r, other_r = box[6], other_box[6]

@@ -62,6 +62,19 @@ def _solve_factored(factor: Array, count: int, step: Array) -> None:
 
 
 @compiled
+def _find_worst_row(C: Array, b: Array, norm: Array, z: Array) -> int:
+    """Return the row that z violates most, in units of its norm (rows,); -1 without one."""
+    worst, max_violation = -1, _SATISFIED
+    for r in range(C.shape[0]):
+        total = b[r]
+        for k in range(C.shape[1]):
+            total -= C[r, k] * z[k]
+        if total > max_violation * norm[r] and norm[r] > 0.0:
+            worst, max_violation = r, total / norm[r]
+    return worst
+
+
+@compiled
 def solve_least_distance(C: Array, b: Array, cutoff: float, multiplier: Array, z: Array) -> int:
     """Solve for C (rows, variables) and b (rows,); fills multiplier (rows,) and z (variables,).
 
@@ -86,14 +99,7 @@ def solve_least_distance(C: Array, b: Array, cutoff: float, multiplier: Array, z
             return EMPTY
     count, result = 0, STUCK
     for _ in range(20 * (rows + 1)):
-        # The row that z violates most.
-        worst, max_violation = -1, _SATISFIED
-        for r in range(rows):
-            total = b[r]
-            for k in range(variables):
-                total -= C[r, k] * z[k]
-            if total > max_violation * norm[r] and norm[r] > 0.0:
-                worst, max_violation = r, total / norm[r]
+        worst = _find_worst_row(C, b, norm, z)
         if worst < 0:
             result = SOLVED
             break

@@ -97,7 +97,7 @@ def solve_relaxation(
     Returns:
         The status of the least-distance program, and the lower bound [mm^2].
     """
-    n, body, objective = problem.stored, work.body, work.objective
+    objective = work.objective
     variables = prepare_node(problem, work, mask, span)
     write_rows(problem, work, slot, mask)
     rows = work.rows[0]
@@ -131,6 +131,16 @@ def solve_relaxation(
             break
         program_cutoff = np.inf
 
+    _write_placement(problem, work, span, z, status == SOLVED)
+    return status, bound
+
+
+@compiled
+def _write_placement(
+    problem: Problem, work: NodeWorkspace, span: Array, z: Array, is_solved: bool
+) -> None:
+    """Write the relaxed placement of a solution z (variables,) to columns X and TILT."""
+    n, body, objective = problem.stored, work.body, work.objective
     for k in range(n):
         body[k, X] = z[k] / math.sqrt(objective[k, WEIGHT]) + objective[k, TARGET]
     for k in range(n):
@@ -138,10 +148,9 @@ def solve_relaxation(
         body[k, TILT] = problem.book[k, BEST_TILT]
         if state == LEAN_LEFT or state == LEAN_RIGHT:
             body[k, TILT] = body[k, MIDDLE]
-        if column >= 0 and status == SOLVED:
+        if column >= 0 and is_solved:
             d = z[column] / math.sqrt(objective[column, WEIGHT]) + objective[column, TARGET]
             body[k, TILT] = min(max(body[k, MIDDLE] + d, span[k]), span[n + k])
-    return status, bound
 
 
 @compiled

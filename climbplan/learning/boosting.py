@@ -10,6 +10,7 @@ are no candidates.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -117,33 +118,14 @@ def fit_boosting(library: Library, rounds: int, rate: float, leaves: int, seed: 
         baselines.append(np.concatenate([[0.0], raw]) if count == 2 else raw)
         for round_trees in booster._predictors:
             for k, tree in enumerate(round_trees):
-                nodes = tree.nodes
-                leaf = nodes["is_leaf"].astype(bool)
-                tree_arrays.append(
-                    Trees(
-                        root=np.zeros(1, np.int64),
-                        feature=np.where(leaf, LEAF, nodes["feature_idx"].astype(np.int64)),
-                        threshold=np.where(leaf, 0.0, nodes["num_threshold"]),
-                        left=np.where(leaf, LEAF, nodes["left"].astype(np.int64)),
-                        right=np.where(leaf, LEAF, nodes["right"].astype(np.int64)),
-                    )
-                )
-                values.append(np.where(leaf, nodes["value"], 0.0))
+                grown_tree, value = _read_tree(tree.nodes)
+                tree_arrays.append(grown_tree)
+                values.append(value)
                 options.append(start + k + (count == 2))
         levels.append(start + level)
         firsts.append(start + count)
     if not tree_arrays:
-        # One strategy only: a single choice without alternatives
-        leaf = np.array([LEAF])
-        stump = Trees(np.array([0]), leaf, np.zeros(1), leaf, leaf)
-        return Boosting(
-            stump,
-            np.zeros(1),
-            np.zeros(1, np.int64),
-            np.zeros(1),
-            np.array([0, 1]),
-            np.zeros((len(library.strategies), 1), np.int64),
-        )
+        return _build_single_choice(len(library.strategies))
     return Boosting(
         trees=join_trees(tree_arrays),
         value=np.concatenate(values),
@@ -151,4 +133,31 @@ def fit_boosting(library: Library, rounds: int, rate: float, leaves: int, seed: 
         baseline=np.concatenate(baselines),
         first=np.array(firsts, np.int64),
         level=np.column_stack(levels).astype(np.int64),
+    )
+
+
+def _read_tree(nodes: np.ndarray[Any, Any]) -> tuple[Trees, Array]:
+    """Read a tree and the values of its leaves (M,) from scikit-learn's records of nodes."""
+    leaf = nodes["is_leaf"].astype(bool)
+    tree = Trees(
+        root=np.zeros(1, np.int64),
+        feature=np.where(leaf, LEAF, nodes["feature_idx"].astype(np.int64)),
+        threshold=np.where(leaf, 0.0, nodes["num_threshold"]),
+        left=np.where(leaf, LEAF, nodes["left"].astype(np.int64)),
+        right=np.where(leaf, LEAF, nodes["right"].astype(np.int64)),
+    )
+    return tree, np.where(leaf, nodes["value"], 0.0)
+
+
+def _build_single_choice(num_strategies: int) -> Boosting:
+    """Build the boosting of a single choice without alternatives, for equal strategies."""
+    leaf = np.array([LEAF])
+    stump = Trees(np.array([0]), leaf, np.zeros(1), leaf, leaf)
+    return Boosting(
+        stump,
+        np.zeros(1),
+        np.zeros(1, np.int64),
+        np.zeros(1),
+        np.array([0, 1]),
+        np.zeros((num_strategies, 1), np.int64),
     )

@@ -78,33 +78,27 @@ def run_genetic_search(
     low = np.min([e.lower for e in initial], axis=0)
     high = np.max([e.upper for e in initial], axis=0)
     step = chosen.step * np.maximum(high - low, 1e-9)
-    population = [initial[k % len(initial)] for k in range(chosen.population)]
-    population = [
-        e if k < len(initial) else _mutate(e, step, 0.5, rng) for k, e in enumerate(population)
-    ]
-    means, spreads, bests = [], [], []
+    population = _spread_population(initial, chosen.population, step, rng)
+    history: list[tuple[float, float, float]] = []
     contenders: dict[bytes, Envelope] = {_encode_key(e): e for e in initial}
     for generation in range(chosen.generations):
         rows = _sample_balanced(feasible, chosen.terrains, rng)
         fitness = np.array(
             [f.fitness for f in _evaluate_population(labels, feasible, population, rows, chosen)]
         )
-        means.append(fitness.mean())
-        spreads.append(fitness.std())
-        bests.append(fitness.max())
+        history.append((fitness.mean(), fitness.std(), fitness.max()))
         order = np.argsort(-fitness, kind="stable")
         best = population[int(order[0])]
         if generation >= chosen.generations - chosen.finalists:
             contenders[_encode_key(best)] = best
         progress = generation / max(chosen.generations - 1, 1)
         rate = chosen.mutation[0] * (1 - progress) + chosen.mutation[1] * progress
-        next_population = [population[int(k)] for k in order[: chosen.elite]]
-        while len(next_population) < chosen.population:
-            parents = [population[int(_select_by_tournament(fitness, rng))] for _ in range(2)]
-            next_population.append(
-                _mutate(_cross_over(parents[0], parents[1], rng), step, rate, rng)
-            )
-        population = next_population
+        elite = [population[int(k)] for k in order[: chosen.elite]]
+        num_children = max(chosen.population - len(elite), 0)
+        population = elite + [
+            _mutate(_select_and_cross(population, fitness, rng), step, rate, rng)
+            for _ in range(num_children)
+        ]
         if report is not None:
             report((generation + 1) / chosen.generations)
     # Fitness on K terrains is noisy, so finalists are compared on all of them
@@ -115,9 +109,7 @@ def run_genetic_search(
         unstack_envelopes(finalists[best_index]),
         evaluated[best_index].a,
         evaluated[best_index].b,
-        np.array(means),
-        np.array(spreads),
-        np.array(bests),
+        *np.array(history).reshape(-1, 3).T,
     )
 
 
@@ -148,6 +140,14 @@ def _evaluate_population(
     return evaluated
 
 
+def _spread_population(
+    initial: Sequence[Envelope], count: int, step: Array, rng: np.random.Generator
+) -> list[Envelope]:
+    """Return the first individuals, and mutated copies of them up to a count."""
+    population = [initial[k % len(initial)] for k in range(count)]
+    return [e if k < len(initial) else _mutate(e, step, 0.5, rng) for k, e in enumerate(population)]
+
+
 def _sample_balanced(feasible: BoolArray, count: int, rng: np.random.Generator) -> IntArray:
     """Sample as many feasible as infeasible rows."""
     classes = [np.flatnonzero(feasible), np.flatnonzero(~feasible)]
@@ -155,6 +155,14 @@ def _sample_balanced(feasible: BoolArray, count: int, rng: np.random.Generator) 
     return np.concatenate(
         [rng.choice(p, h, replace=False) for p, h in zip(classes, half, strict=True)]
     )
+
+
+def _select_and_cross(
+    population: Sequence[Envelope], fitness: Array, rng: np.random.Generator
+) -> Envelope:
+    """Cross two parents that tournaments select."""
+    parents = [population[_select_by_tournament(fitness, rng)] for _ in range(2)]
+    return _cross_over(parents[0], parents[1], rng)
 
 
 def _select_by_tournament(fitness: Array, rng: np.random.Generator) -> int:

@@ -9,10 +9,11 @@ Published methods and values are those of X. Lin (UCLA 2022).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from climbplan.arrays import Array, IntArray
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
 from climbplan.learning.quiet_training import suppress_expected_warnings
 from climbplan.learning.trees import LEAF, Trees, join_trees
@@ -66,6 +67,7 @@ def fit_forest(
     trees: int,
     depth: int,
     seed: int,
+    *,
     jobs: int = 1,
 ) -> Forest:
     """Grow a forest with scikit-learn; the same rows and seed give the same forest.
@@ -100,15 +102,7 @@ def fit_forest(
         for tree in grower.estimators_:
             grown = tree.tree_
             inner = grown.children_left >= 0
-            tree_arrays.append(
-                Trees(
-                    root=np.zeros(1, np.int64),
-                    feature=np.where(inner, grown.feature, LEAF).astype(np.int64),
-                    threshold=np.where(inner, grown.threshold, 0.0),
-                    left=np.where(inner, grown.children_left, LEAF).astype(np.int64),
-                    right=np.where(inner, grown.children_right, LEAF).astype(np.int64),
-                )
-            )
+            tree_arrays.append(_read_tree(grown, inner))
             value = grown.value[:, 0, :] * ~inner[:, None]
             value = value / np.maximum(value.sum(axis=1), 1e-300)[:, None]
             node, column = np.nonzero(value)
@@ -121,4 +115,15 @@ def fit_forest(
         label=np.concatenate(label),
         share=np.concatenate(share),
         classes=classes,
+    )
+
+
+def _read_tree(grown: Any, inner: BoolArray) -> Trees:
+    """Read the nodes of scikit-learn's tree; inner: (M,) mask of nodes that are no leaves."""
+    return Trees(
+        root=np.zeros(1, np.int64),
+        feature=np.where(inner, grown.feature, LEAF).astype(np.int64),
+        threshold=np.where(inner, grown.threshold, 0.0),
+        left=np.where(inner, grown.children_left, LEAF).astype(np.int64),
+        right=np.where(inner, grown.children_right, LEAF).astype(np.int64),
     )

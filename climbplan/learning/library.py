@@ -114,11 +114,7 @@ class Library:
             raise UsageError(f"library of {frame.name!r}: an alternative that there is not")
         X[:, frame.integer] = np.round(bits)
         key = np.hstack([np.round(bits).astype(np.int64), chosen, tags])
-        unique, first_row, strategy = np.unique(key, axis=0, return_index=True, return_inverse=True)
-        order = np.argsort(first_row, kind="stable")
-        rank = np.empty(len(order), np.int64)
-        rank[order] = np.arange(len(order))
-        unique = unique[order]
+        unique, strategy = _number_strategies(key)
         B = int(frame.integer.sum())
         return cls(
             frame=frame,
@@ -130,7 +126,7 @@ class Library:
             strategies=unique[:, :B].astype(bool),
             strategy_alternatives=unique[:, B : B + C],
             strategy_labels=unique[:, B + C :],
-            strategy=rank[np.ravel(strategy)],
+            strategy=strategy,
         )
 
     @property
@@ -167,6 +163,19 @@ class Library:
             raise UsageError(
                 f"a library with {self.features.shape[1]} features, expected {feature_count}"
             )
+
+
+def _number_strategies(key: IntArray) -> tuple[IntArray, IntArray]:
+    """Number the different rows of keys (S, k) in order of appearance.
+
+    Returns:
+        The rows (U, k) in that order, and the number of each problem's row (S,).
+    """
+    unique, first_row, strategy = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    order = np.argsort(first_row, kind="stable")
+    rank = np.empty(len(order), np.int64)
+    rank[order] = np.arange(len(order))
+    return unique[order], rank[np.ravel(strategy)]
 
 
 def write_library(library: Library, path: Path) -> None:

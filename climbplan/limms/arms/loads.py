@@ -7,6 +7,8 @@ outwards and back.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import casadi as ca
 
 from climbplan.limms.arms.symbols import build_arm_symbols
@@ -30,46 +32,33 @@ def build_load_function(scene: ModuleScene, limb: SupportModule) -> ca.Function:
     state_vector = ca.vertcat(state.place, state.velocity)
     rates_of_state = ca.vertcat(state.velocity, acceleration)
     joint_accelerations = ca.jtimes(state.rates, state_vector, rates_of_state)
-    root = 1 - limb.box_end
-    torque, anchor_force, anchor_moment = _newton_euler(
-        scene,
-        limb,
-        root,
-        angles=state.angles,
-        rates=state.rates,
-        joint_accelerations=joint_accelerations,
-        force=force,
-        moment=moment,
-    )
+    inertial = _compute_inertial_loads(scene, limb, state.angles, state.rates, joint_accelerations)
+    torque, anchor_force, anchor_moment = _propagate_loads(limb, inertial, force, moment)
     inputs = [state.place, state.velocity, acceleration, state.reference, force, moment]
     return ca.Function("loads", inputs, [torque, anchor_force, anchor_moment])
 
 
-def _newton_euler(
-    scene: ModuleScene,
-    limb: SupportModule,
-    root: int,
-    *,
-    angles: ca.SX,
-    rates: ca.SX,
-    joint_accelerations: ca.SX,
-    force: ca.SX,
-    moment: ca.SX,
-) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Return joint torques, anchor force and anchor moment by recursive Newton-Euler.
+@dataclass(frozen=True)
+class _InertialLoads:
+    """What the motion of the links does to them, in the order from the anchor to the box."""
 
-    The end `root` of the arm is fixed, and force and moment act on the box.
-    """
+    links: dict[int, tuple[ca.SX, ca.SX, ca.SX]]  # force, moment about the centre of mass, centre
+    joints: dict[int, tuple[ca.SX, ca.SX]]  # position and axis
+    box_end: ca.SX  # position of the end at the box
+
+
+def _compute_inertial_loads(
+    scene: ModuleScene, limb: SupportModule, angles: ca.SX, rates: ca.SX, joint_accelerations: ca.SX
+) -> _InertialLoads:
+    """Propagate motion from the fixed end of the arm to the box, and return loads of the links."""
     bodies = build_link_bodies(scene.module)
     lengths = scene.module.link_lengths
     frame, position = ca.SX(ca.DM(limb.other_rotation)), ca.SX(ca.DM(limb.fixed_position))
     angular_velocity, angular_acceleration = ca.SX.zeros(3), ca.SX.zeros(3)
     acceleration = ca.SX.zeros(3)
-    sign = 1.0 if root == 0 else -1.0
-    order = range(7) if root == 0 else range(6, -1, -1)
-    # Force, moment about the centre of mass, and centre of mass of each link
-    inertial_loads: dict[int, tuple[ca.SX, ca.SX, ca.SX]] = {}
-    joints: dict[int, tuple[ca.SX, ca.SX]] = {}  # position and axis
+    root, sign, order = _order_links(limb)
+    links: dict[int, tuple[ca.SX, ca.SX, ca.SX]] = {}
+    joints: dict[int, tuple[ca.SX, ca.SX]] = {}
     for k in order:
         if k != order[0]:
             joint = k - 1 if root == 0 else k
@@ -91,7 +80,7 @@ def _newton_euler(
             + _rigid_acceleration(angular_velocity, angular_acceleration, com_offset)
             + ca.DM([0, 0, GRAVITY])
         )
-        inertial_loads[k] = (
+        links[k] = (
             bodies.mass[k] * com_acceleration,
             _inertial_moment(bodies, k, axis_of_link, angular_velocity, angular_acceleration),
             position + com_offset,
@@ -99,16 +88,24 @@ def _newton_euler(
         step = sign * axis_of_link * lengths[k]
         acceleration += _rigid_acceleration(angular_velocity, angular_acceleration, step)
         position = position + step
-    # From the box inwards: loads of the links beyond each joint, and of the box
-    load, application = force, position
-    total_force, total_moment = load, moment  # the arm exerts what the box receives
+    return _InertialLoads(links, joints, position)
+
+
+def _propagate_loads(
+    limb: SupportModule, inertial: _InertialLoads, force: ca.SX, moment: ca.SX
+) -> tuple[ca.SX, ca.SX, ca.SX]:
+    """Return joint torques, anchor force and anchor moment, from the box to the fixed end.
+
+    Force and moment act on the box, and the arm exerts what the box receives.
+    """
+    root, sign, order = _order_links(limb)
+    total_force, total_moment, application = force, moment, inertial.box_end
     torques: list[ca.SX] = [ca.SX(0)] * 6
     for k in reversed(order):
-        link_force, link_moment, com = inertial_loads[k]
-        joint_position = joints[k - 1 if root == 0 else k][0] if k != order[0] else None
-        reference = (
-            joint_position if joint_position is not None else ca.SX(ca.DM(limb.fixed_position))
-        )
+        link_force, link_moment, com = inertial.links[k]
+        joint = k - 1 if root == 0 else k
+        has_joint = k != order[0]
+        reference = inertial.joints[joint][0] if has_joint else ca.SX(ca.DM(limb.fixed_position))
         total_moment = (
             total_moment
             + ca.cross(application - reference, total_force)
@@ -116,10 +113,15 @@ def _newton_euler(
             + ca.cross(com - reference, link_force)
         )
         total_force, application = total_force + link_force, reference
-        if joint_position is not None:
-            joint = k - 1 if root == 0 else k
-            torques[joint] = sign * ca.dot(joints[joint][1], total_moment)
+        if has_joint:
+            torques[joint] = sign * ca.dot(inertial.joints[joint][1], total_moment)
     return ca.vertcat(*torques), total_force, total_moment
+
+
+def _order_links(limb: SupportModule) -> tuple[int, float, range]:
+    """Return the fixed end of an arm, its sign along the chain, and its links from there."""
+    root = 1 - limb.box_end
+    return (root, 1.0, range(7)) if root == 0 else (root, -1.0, range(6, -1, -1))
 
 
 def _joint_rotation(angle: ca.SX, is_roll: bool) -> ca.SX:

@@ -109,13 +109,43 @@ class _ArmProgram:
     def add_phase(self, guess: PhaseTrajectory, cuts: Sequence[CollisionCut]) -> None:
         """Add one phase: motion of the box, and of the arms that hold it."""
         store, phase = self.store, guess.phase
-        num_intervals = phase.intervals
         duration = store.variable("T", guess.duration, phase.shortest, phase.longest)
-        step = duration / num_intervals
-        knots = range(num_intervals + 1)
+        step = duration / phase.intervals
         # A yaw that is constant in this phase is no variable
         variable_entries = [i for i in range(len(phase.lower)) if phase.upper[i] > phase.lower[i]]
+        p, v, a = self._add_motion(guess, variable_entries, step)
+        store.minimise("time", duration)
+        continuous = sorted({*variable_entries, *self.varied})
+        store.equal("box.motion", (p[0] - self.last[0])[continuous])
+        store.equal("box.motion", (v[0] - self.last[1])[continuous])
+        if phase.kind == "flight":
+            gravity = ca.DM([0, 0, GRAVITY, 0][: len(phase.lower)])
+            for acceleration in a:
+                store.equal("box.dynamics", (acceleration + gravity)[variable_entries], "m/s^2")
+        else:
+            self._add_latch_limits(p, a)
+            self._add_joint_limits(guess, p, v, step, cuts, self.is_first)
+            if not self.scene.massless:
+                self._add_loads(guess, p, v, a)
+        self.last, self.varied, self.is_first = (p[-1], v[-1]), tuple(variable_entries), False
+        self.outputs += [duration, *(ca.horzcat(*rows).T for rows in (p, v, a))]
+
+    def _add_motion(
+        self, guess: PhaseTrajectory, variable_entries: Sequence[int], step: ca.MX
+    ) -> tuple[list[ca.MX], list[ca.MX], list[ca.MX]]:
+        """Add a chain of cubics whose control points are in the phase's free block.
+
+        Args:
+            guess: Initial trajectory of the phase.
+            variable_entries: Entries of the box's placement that may change in the phase.
+            step: Time between knots [s].
+
+        Returns:
+            Placement, velocity and acceleration of the box at each knot.
+        """
+        store, phase = self.store, guess.phase
         constants = phase.lower[len(variable_entries) :]
+        knots = range(phase.intervals + 1)
         p = [
             self._append_constants(
                 store.variable(
@@ -143,7 +173,7 @@ class _ArmProgram:
             for k in knots
         ]
         lower, upper = ca.DM(phase.lower), ca.DM(phase.upper)
-        for k in range(num_intervals):
+        for k in range(phase.intervals):
             # The chain of cubics, with its control points inside the free block
             velocity_error = v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2
             position_error = p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6
@@ -154,21 +184,7 @@ class _ArmProgram:
                 store.between("clear.box", (upper - control)[variable_entries], 0.0, unit="m")
             effort = ca.sumsqr((a[k] + a[k + 1])[:3] / 2) + _yaw_entry(a[k] + a[k + 1]) ** 2 / 4
             store.minimise("acceleration", 0.02 * step * effort)
-        store.minimise("time", duration)
-        continuous = sorted({*variable_entries, *self.varied})
-        store.equal("box.motion", (p[0] - self.last[0])[continuous])
-        store.equal("box.motion", (v[0] - self.last[1])[continuous])
-        if phase.kind == "flight":
-            gravity = ca.DM([0, 0, GRAVITY, 0][: len(phase.lower)])
-            for acceleration in a:
-                store.equal("box.dynamics", (acceleration + gravity)[variable_entries], "m/s^2")
-        else:
-            self._add_latch_limits(p, a)
-            self._add_joint_limits(guess, p, v, step, cuts, self.is_first)
-            if not self.scene.massless:
-                self._add_loads(guess, p, v, a)
-        self.last, self.varied, self.is_first = (p[-1], v[-1]), tuple(variable_entries), False
-        self.outputs += [duration, *(ca.horzcat(*rows).T for rows in (p, v, a))]
+        return p, v, a
 
     def finish(self, guess: Sequence[PhaseTrajectory]) -> None:
         """Add the goal, and enough time for latches where the motion may be too short."""

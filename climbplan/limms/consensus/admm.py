@@ -156,8 +156,7 @@ def run_admm(
     projection: Projection | None = None
     for index in range(parameters.iterations):
         assert solution.copy is not None
-        assert solution.modes is not None
-        kinematic = nonlinear.solve(solution.copy.add_scaled(dual, 1.0), solution.modes, deadline)
+        kinematic = _solve_kinematics(nonlinear, solution, dual, deadline)
         if not np.isfinite(kinematic.violation):
             break  # the deadline interrupted the block
         residual = compute_residual(problem, solution.copy, kinematic.copy)
@@ -168,12 +167,7 @@ def run_admm(
         report((index + 1) / parameters.iterations)
         if _has_converged_early(residual) or time.monotonic() > deadline:
             break
-        # eq. (6.12c); the scaled dual shrinks as the weights grow
-        dual = (
-            dual.add_scaled(solution.copy, 1.0)
-            .add_scaled(kinematic.copy, -1.0)
-            .scale(1 / parameters.growth)
-        )
+        dual = _update_dual(dual, solution.copy, kinematic.copy, parameters.growth)
         weight *= parameters.growth
         may_freeze = problem.formulation.freezes_integers and index + 1 >= parameters.freeze_after
         if projection is None and may_freeze and solution.goal_error <= GOAL_TOLERANCE:
@@ -181,15 +175,28 @@ def run_admm(
             projection = Projection(block, solution.x)
         target = kinematic.copy.add_scaled(dual, -1.0)
         if projection is not None:
-            next_solution = projection.solve(target, weight, kinematic.region)
+            solution = projection.solve(target, weight, kinematic.region)
         else:
             block.set_consensus_target(target, weight)
-            next_solution = block.solve(MAX_MIP_CALLBACKS, deadline, solution.x)
-        if next_solution.copy is None:
+            solution = block.solve(MAX_MIP_CALLBACKS, deadline, solution.x)
+        if solution.copy is None:
             break
-        solution = next_solution
     block.clear_consensus()
     return None if best is None else ConsensusRun(tuple(records), best)
+
+
+def _solve_kinematics(
+    nonlinear: NonlinearBlock, solution: BlockSolution, dual: LocalCopy, deadline: float
+) -> KinematicSolution:
+    """Solve the nonlinear block with the modes of the other block, near its copy plus the dual."""
+    assert solution.copy is not None
+    assert solution.modes is not None
+    return nonlinear.solve(solution.copy.add_scaled(dual, 1.0), solution.modes, deadline)
+
+
+def _update_dual(dual: LocalCopy, first: LocalCopy, second: LocalCopy, growth: float) -> LocalCopy:
+    """Return the scaled dual of eq. (6.12c), which shrinks as the weights grow."""
+    return dual.add_scaled(first, 1.0).add_scaled(second, -1.0).scale(1 / growth)
 
 
 def _build_record(

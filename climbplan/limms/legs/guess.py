@@ -63,17 +63,8 @@ def build_leg_guess(
         velocity = np.tile((end - start) / duration, (num_intervals + 1, 1))
         if is_leap:
             acceleration[:, 2] = -GRAVITY
-        low, high = _select_block(corridor, start, end)
-        limits = (0.08, 1.2) if is_leap else (0.15, 6.0) if swing else (0.05, 8.0)
-        phase = LegPhase(
-            "flight" if is_leap else f"step {swing[0]}" if swing else "stance",
-            low,
-            high,
-            num_intervals,
-            *limits,
-            swing=swing,
-            patches=dict(enumerate(patches_after)),
-        )
+        block = _select_block(corridor, start, end)
+        phase = _build_phase(block, num_intervals, swing, patches_after)
         trajectories.append(
             LegTrajectory(
                 phase,
@@ -89,6 +80,31 @@ def build_leg_guess(
         )
         feet, patches = after, patches_after
     return trajectories
+
+
+def _build_phase(
+    block: Array, num_intervals: int, swing: tuple[int, ...], patches: Sequence[int]
+) -> LegPhase:
+    """Build a flight, a step or a stance in a free block.
+
+    Args:
+        block: Lower and upper corner of the block (2, 3) [m].
+        num_intervals: Number of intervals.
+        swing: The legs in swing.
+        patches: Patches of all feet at the end of the phase.
+    """
+    is_leap = len(swing) == len(patches)
+    low, high = block
+    limits = (0.08, 1.2) if is_leap else (0.15, 6.0) if swing else (0.05, 8.0)
+    return LegPhase(
+        "flight" if is_leap else f"step {swing[0]}" if swing else "stance",
+        low,
+        high,
+        num_intervals,
+        *limits,
+        swing=swing,
+        patches=dict(enumerate(patches)),
+    )
 
 
 def _interpolate_swings(

@@ -34,6 +34,8 @@ APPROACH_MARGIN = 0.2  # [rad] of joint ranges where latches close
 MIN_ELBOW = 0.12  # [rad]
 _STEP = 1e-5
 
+_PosePair = tuple[float, int, int, int]  # slack, branch, poses at take-off and landing
+
 
 @dataclass(frozen=True)
 class Leap:
@@ -186,14 +188,13 @@ def _build_leap(
     direction: Array,
 ) -> Leap | None:
     """Return the leap with a sampled speed and heights, or None unless every leg can do it."""
-    start = ends[0]
     ground = [scene.patches[k].height for k in patches]
     landing_speed = speed - np.array([0, 0, GRAVITY * duration])
-    takeoffs = start + TAKEOFF_OFFSETS[:, None] * direction
+    takeoffs = ends[0] + TAKEOFF_OFFSETS[:, None] * direction
     takeoffs[:, 2] = ground[0] + HEIGHTS[levels[0]]
     landings = takeoffs + speed * duration
     landings[:, 2] = ground[1] + HEIGHTS[levels[1]]
-    choices: list[list[tuple[float, int, int, int] | None]] = []
+    choices: list[list[_PosePair | None]] = []
     for side in (1, 0, 2, 3):
         matches = _match_poses(
             scene,
@@ -210,28 +211,19 @@ def _build_leap(
             return None
         choices.append(matches)
     choices = [choices[1], choices[0], choices[2], choices[3]]
-    best, slack = -1, -np.inf
-    for k in range(len(TAKEOFF_OFFSETS)):
-        at_takeoff = [matches[k] for matches in choices]
-        min_slack = min((c[0] for c in at_takeoff if c is not None), default=-np.inf)
-        if all(c is not None for c in at_takeoff) and min_slack > slack:
-            best, slack = k, min_slack
+    best, slack = _select_takeoff(choices)
     if best < 0:
         return None
-    chosen = [matches[best] for matches in choices]
     before, after, angles, branches = [], [], [], []
-    for side, choice in enumerate(chosen):
+    for side, matches in enumerate(choices):
+        choice = matches[best]
         assert choice is not None
         _, branch, i, j = choice
         leg_poses = poses[side][branch]
         before.append(takeoffs[best] - leg_poses.over[i])
         after.append(landings[best] - leg_poses.over[j])
-        angles.append(
-            [
-                leg_poses.angles[i],
-                leg_poses.angles[i] + _wrap(leg_poses.angles[j] - leg_poses.angles[i]),
-            ]
-        )
+        first = leg_poses.angles[i]
+        angles.append([first, first + _wrap(leg_poses.angles[j] - first)])
         branches.append(BRANCHES[branch])
     return Leap(
         takeoffs[best],
@@ -247,6 +239,17 @@ def _build_leap(
     )
 
 
+def _select_takeoff(choices: Sequence[Sequence[_PosePair | None]]) -> tuple[int, float]:
+    """Return the take-off place whose tightest leg has most slack, and that slack; -1 without."""
+    best, slack = -1, -np.inf
+    for k in range(len(TAKEOFF_OFFSETS)):
+        at_takeoff = [matches[k] for matches in choices]
+        min_slack = min((c[0] for c in at_takeoff if c is not None), default=-np.inf)
+        if all(c is not None for c in at_takeoff) and min_slack > slack:
+            best, slack = k, min_slack
+    return best, slack
+
+
 def _match_poses(
     scene: ModuleScene,
     side: int,
@@ -258,10 +261,10 @@ def _match_poses(
     patches: tuple[int, int],
     centres: tuple[Array, Array],
     ends: tuple[Array, Array],
-) -> list[tuple[float, int, int, int] | None]:
+) -> list[_PosePair | None]:
     """Return slack, branch, and poses at take-off and landing for each take-off place, or None."""
     limit = scene.module.max_joint_speed
-    best: list[tuple[float, int, int, int] | None] = [None] * len(centres[0])
+    best: list[_PosePair | None] = [None] * len(centres[0])
     for branch, branch_poses in enumerate(poses):
         speed_use = [np.abs(branch_poses.jacobian @ v).max(axis=1) / limit for v in speeds]
         rows = [

@@ -85,12 +85,7 @@ class LegProgram:
         store, phase = self.store, guess.phase
         is_first = self.first_state is None
         if is_first:
-            self.feet = [
-                self._add_foothold(phase, i, guess.before[i]) for i in range(len(self.limbs))
-            ]
-            if ends.feet is not None:
-                for foot, foothold in zip(self.feet, ends.feet, strict=True):
-                    store.equal("ground.feet", foot[:2] - ca.DM(foothold[:2]), "m")
+            self._add_first_footholds(guess, ends)
         shortest = phase.shortest / (self.scene.pace if phase.swing else 1.0)
         duration = store.variable("T", guess.duration, shortest, phase.longest)
         p, v, a = self._add_motion(guess, duration)
@@ -149,6 +144,15 @@ class LegProgram:
         ):
             self.store.equal(f"{name}.reached", p - ca.DM(target), "m")
             self.store.equal(f"{name}.speed", v, "m/s")
+
+    def _add_first_footholds(self, guess: LegTrajectory, ends: LegBoundary) -> None:
+        """Add the footholds of the first phase, at those of the boundary where it has some."""
+        self.feet = [
+            self._add_foothold(guess.phase, i, guess.before[i]) for i in range(len(self.limbs))
+        ]
+        if ends.feet is not None:
+            for foot, foothold in zip(self.feet, ends.feet, strict=True):
+                self.store.equal("ground.feet", foot[:2] - ca.DM(foothold[:2]), "m")
 
     def _add_foothold(self, phase: LegPhase, limb: int, start: Array) -> ca.MX:
         """Add a foothold on a patch, and return its position."""

@@ -6,12 +6,37 @@ See Kuffner and LaValle, RRT-Connect, ICRA 2000.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
 
 IsFree = Callable[[Array], BoolArray]  # (n, d) -> (n,)
+
+
+@dataclass(frozen=True)
+class _FreeSpace:
+    """Free points of a space, whose lines are tested at points at most `step` apart."""
+
+    is_free: IsFree
+    step: float  # in the largest coordinate
+
+    def is_clear(self, first: Array, last: Array) -> bool:
+        """Return whether all points on the line are free."""
+        return bool(self.is_free(self._sample_line(first, last)).all())
+
+    def extend(self, first: Array, last: Array) -> Array:
+        """Return the furthest free point on the line from first to last."""
+        points = self._sample_line(first, last)[1:]
+        blocked = np.flatnonzero(~self.is_free(points))
+        num_free = blocked[0] if len(blocked) else len(points)
+        return points[num_free - 1] if num_free > 0 else first
+
+    def _sample_line(self, first: Array, last: Array) -> Array:
+        num_steps = max(int(np.ceil(np.abs(last - first).max() / self.step)), 1)
+        fractions = np.linspace(0, 1, num_steps + 1)[:, None]
+        return first + fractions * (last - first)
 
 
 def plan_path(
@@ -37,50 +62,34 @@ def plan_path(
         rng: Random generator.
         max_iterations: Largest number of samples.
     """
-
-    def is_clear(first: Array, last: Array) -> bool:
-        num_steps = max(int(np.ceil(np.abs(last - first).max() / step)), 1)
-        fractions = np.linspace(0, 1, num_steps + 1)[:, None]
-        return bool(is_free(first + fractions * (last - first)).all())
-
-    def extend(first: Array, last: Array) -> Array:
-        """Return the furthest free point on the line from first to last."""
-        num_steps = max(int(np.ceil(np.abs(last - first).max() / step)), 1)
-        fractions = np.linspace(0, 1, num_steps + 1)[1:, None]
-        points = first + fractions * (last - first)
-        blocked = np.flatnonzero(~is_free(points))
-        num_free = blocked[0] if len(blocked) else num_steps
-        return points[num_free - 1] if num_free > 0 else first
-
+    space = _FreeSpace(is_free, step)
     if not is_free(np.array([start, goal])).all():
         return None
-    if is_clear(start, goal):
+    if space.is_clear(start, goal):
         return np.array([start, goal])
     trees: list[tuple[list[Array], list[int]]] = [([start], [-1]), ([goal], [-1])]
     for iteration in range(max_iterations):
         tree, other_tree = trees[iteration % 2], trees[1 - iteration % 2]
         target = rng.uniform(lower, upper)
         nearest = _find_nearest(tree[0], target)
-        new = extend(tree[0][nearest], target)
+        new = space.extend(tree[0][nearest], target)
         if np.abs(new - tree[0][nearest]).max() < 1e-9:
             continue
         tree[0].append(new)
         tree[1].append(nearest)
         other_nearest = _find_nearest(other_tree[0], new)
-        reached_point = extend(other_tree[0][other_nearest], new)
+        reached_point = space.extend(other_tree[0][other_nearest], new)
         if np.abs(reached_point - other_tree[0][other_nearest]).max() > 1e-9:
             other_tree[0].append(reached_point)
             other_tree[1].append(other_nearest)
             other_nearest = len(other_tree[0]) - 1
         if np.abs(other_tree[0][other_nearest] - new).max() < 1e-9:
-            path_back, other_path = (
-                _trace_path(tree, len(tree[0]) - 1),
-                _trace_path(other_tree, other_nearest),
-            )
+            path_back = _trace_path(tree, len(tree[0]) - 1)
+            other_path = _trace_path(other_tree, other_nearest)
             path = (
                 path_back[::-1] + other_path if iteration % 2 == 0 else other_path[::-1] + path_back
             )
-            return _shorten(np.array(path), is_clear, rng)
+            return _shorten(np.array(path), space.is_clear, rng)
     return None
 
 

@@ -126,57 +126,61 @@ def build_motion(
     """
     starts = np.concatenate([[0.0], np.cumsum([s.time[-1] for s in stretches])])
     joined: dict[str, list[Any]] = {key: [] for key in ModuleMotion.__annotations__}
-    boxes = len(box_size)
     for stretch, start in zip(stretches, starts[:-1], strict=True):
-        n = len(stretch.time)
-        base = FramePoses(stretch.base_position, stretch.base_rotation)
-        points: Points = forward(module, base, stretch.angles)
-        order = list(stretch.box_number)
-        moved_box = order[0]
-        box = np.empty((n, boxes, 3))
-        box[:, order] = np.concatenate(
-            [stretch.box[:, None], np.tile(stretch.other_positions, (n, 1, 1))], axis=1
-        )
-        turning = np.zeros((n, boxes, 3))
-        turning[:, order, 0] = np.concatenate(
-            [stretch.turning[:, :1], np.tile(stretch.other_yaws, (n, 1))], axis=1
-        )
-        turning[:, moved_box] = stretch.turning
-        velocity, acceleration = np.zeros((n, boxes, 3)), np.zeros((n, boxes, 3))
-        velocity[:, moved_box], acceleration[:, moved_box] = stretch.velocity, stretch.acceleration
-        box_mode = np.ones((n, boxes), int)
-        box_mode[:, moved_box] = stretch.box_mode
-        force = np.zeros((n, boxes, 4, 3))
-        force[:, moved_box] = stretch.force
-        offsets = SIDE_NORMALS[None] * box_size[:, None] / 2  # (B, 4, 3)
-        offsets = rotate_to_world(turning[:, :, :1], offsets[None])  # (n, B, 4, 3)
-        on_boxes = (box[:, :, None] + offsets).reshape(n, -1, 3)
-        arrays = {
-            "time": start + stretch.time,
-            "box_position": box,
-            "box_velocity": velocity,
-            "box_acceleration": acceleration,
-            "box_yaw": turning[..., 0],
-            "box_yaw_rate": turning[..., 1],
-            "box_yaw_acceleration": turning[..., 2],
-            "box_mode": box_mode,
-            "joint_position": points.position,
-            "joint_rotation": points.rotation,
-            "joint_angles": stretch.angles,
-            "joint_velocity": stretch.rates,
-            "mode": np.tile(stretch.mode, (n, 1)),
-            "base_anchor": np.tile(_renumber_anchors(stretch.base_anchor, order), (n, 1)),
-            "tip_anchor": np.tile(_renumber_anchors(stretch.tip_anchor, order), (n, 1)),
-            "ground_end": np.tile(stretch.grounded, (n, 1)),
-            "anchor_position": np.concatenate(
-                [on_boxes, np.tile(wall_position, (n, 1, 1))], axis=1
-            ),
-            "force": force,
-        }
+        arrays = _build_arrays(stretch, module, wall_position, box_size)
+        arrays["time"] = start + stretch.time
         for key, value in arrays.items():
             joined[key].append(value)
     motion = ModuleMotion(**{key: np.concatenate(values) for key, values in joined.items()})
     return motion, _list_stages(stretches, starts)
+
+
+def _build_arrays(
+    stretch: Stretch, module: Any, wall_position: Array, box_size: Array
+) -> dict[str, Any]:
+    """Return the arrays of a motion but its times, by name, for one stretch."""
+    n, boxes = len(stretch.time), len(box_size)
+    base = FramePoses(stretch.base_position, stretch.base_rotation)
+    points: Points = forward(module, base, stretch.angles)
+    order = list(stretch.box_number)
+    moved_box = order[0]
+    box = np.empty((n, boxes, 3))
+    box[:, order] = np.concatenate(
+        [stretch.box[:, None], np.tile(stretch.other_positions, (n, 1, 1))], axis=1
+    )
+    turning = np.zeros((n, boxes, 3))
+    turning[:, order, 0] = np.concatenate(
+        [stretch.turning[:, :1], np.tile(stretch.other_yaws, (n, 1))], axis=1
+    )
+    turning[:, moved_box] = stretch.turning
+    velocity, acceleration = np.zeros((n, boxes, 3)), np.zeros((n, boxes, 3))
+    velocity[:, moved_box], acceleration[:, moved_box] = stretch.velocity, stretch.acceleration
+    box_mode = np.ones((n, boxes), int)
+    box_mode[:, moved_box] = stretch.box_mode
+    force = np.zeros((n, boxes, 4, 3))
+    force[:, moved_box] = stretch.force
+    offsets = SIDE_NORMALS[None] * box_size[:, None] / 2  # (B, 4, 3)
+    offsets = rotate_to_world(turning[:, :, :1], offsets[None])  # (n, B, 4, 3)
+    on_boxes = (box[:, :, None] + offsets).reshape(n, -1, 3)
+    return {
+        "box_position": box,
+        "box_velocity": velocity,
+        "box_acceleration": acceleration,
+        "box_yaw": turning[..., 0],
+        "box_yaw_rate": turning[..., 1],
+        "box_yaw_acceleration": turning[..., 2],
+        "box_mode": box_mode,
+        "joint_position": points.position,
+        "joint_rotation": points.rotation,
+        "joint_angles": stretch.angles,
+        "joint_velocity": stretch.rates,
+        "mode": np.tile(stretch.mode, (n, 1)),
+        "base_anchor": np.tile(_renumber_anchors(stretch.base_anchor, order), (n, 1)),
+        "tip_anchor": np.tile(_renumber_anchors(stretch.tip_anchor, order), (n, 1)),
+        "ground_end": np.tile(stretch.grounded, (n, 1)),
+        "anchor_position": np.concatenate([on_boxes, np.tile(wall_position, (n, 1, 1))], axis=1),
+        "force": force,
+    }
 
 
 def _list_stages(

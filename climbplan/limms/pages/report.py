@@ -98,16 +98,7 @@ def _build_values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]
             "final_speed": float(np.linalg.norm(plan.motion.box_velocity[-1, last])),
             "modes": [[BOX_MODES[mode], seconds] for mode, seconds in list_box_modes(plan)],
         },
-        "boxes": [
-            {
-                "mass": float(plan.box_mass[b]),
-                "goal": plan.goal[b].tolist(),
-                "goal_yaw": float(plan.goal_yaw[b]),
-                "final_yaw": float(plan.motion.box_yaw[-1, b]),
-                "modes": [[BOX_MODES[mode], seconds] for mode, seconds in list_box_modes(plan, b)],
-            }
-            for b in range(plan.deliveries)
-        ],
+        "boxes": [_build_box_values(plan, b) for b in range(plan.deliveries)],
         "stages": [{"name": n, "begin": a, "end": b} for n, a, b in plan.stages],
         "modules": [
             {
@@ -131,6 +122,17 @@ def _build_values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]
         report["convergence"] = {key: values.tolist() for key, values in record.items()}
     finite_values: dict[str, Any] = replace_non_finite(report)
     return finite_values
+
+
+def _build_box_values(plan: LimmsPlan, b: int) -> dict[str, Any]:
+    """Return mass, goal, final yaw and times of modes of a box."""
+    return {
+        "mass": float(plan.box_mass[b]),
+        "goal": plan.goal[b].tolist(),
+        "goal_yaw": float(plan.goal_yaw[b]),
+        "final_yaw": float(plan.motion.box_yaw[-1, b]),
+        "modes": [[BOX_MODES[mode], seconds] for mode, seconds in list_box_modes(plan, b)],
+    }
 
 
 _REPORT = PlanReport(read_limms_plan, verify, _build_values, select_figures, build_page)

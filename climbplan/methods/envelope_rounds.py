@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -60,6 +60,7 @@ def solve_micp(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = 1e-6,
+    *,
     form: EnvelopeForm | None = None,
 ) -> SolverResult:
     """Solve an instance by envelopes, disjunctive rows and a mixed-integer solver.
@@ -81,70 +82,108 @@ def solve_micp(
         UsageError: A factor of a product or the variables of an implication have no bounds, or the
             solver is unknown.
     """
-    options = options or EnvelopeOptions()
     begin = time.perf_counter()
-    best: SolverResult | None = None
-    bound, nodes, log = -np.inf, 0, list[str]()
-    is_infeasible = False  # a relaxation was found to be infeasible
+    options = options or EnvelopeOptions()
     num_rounds = options.rounds if instance.products.count and options.grid is None else 1
     if options.grid is not None and form is None:
         form = options.grid.form(replace(instance, smooth=None))
-    for round_index in range(num_rounds):
-        time_left = time_limit - (time.perf_counter() - begin)
-        if time_left <= 0:
-            log.append("time limit")
+    search = _EnvelopeSearch(problem, instance, options, form, gap, begin, time_limit)
+    for index in range(num_rounds):
+        if not search.run_round(index):
             break
-        restricted = instance if best is None else restrict_to_cost(instance, best)
-        box = _widen_box(propagate_box(restricted))
-        if (box.lower > box.upper).any():
-            is_infeasible = True
-            log.append(f"round {round_index + 1}: no point within the bounds")
-            break
-        if form is None:
-            relaxed = _build_relaxation(problem, restricted, box, options, round_index)
-        else:
-            relaxed = _apply_disjunctions(form.at(replace(instance, smooth=None)), options)
-        time_left = time_limit - (time.perf_counter() - begin)
-        if time_left <= 0:
-            log.append(f"round {round_index + 1}: the time was over when its program was made")
-            break
-        result = _solve_relaxation(relaxed.instance, options.solver, _INNER_GAP * gap, time_left)
-        nodes += result.nodes
-        is_infeasible = relaxed.relaxation and result.status == "infeasible"
-        if relaxed.relaxation and not is_infeasible:
-            bound = max(bound, result.bound)
-        log.append(f"round {round_index + 1}: {result.status}, bound {result.bound:.6g}")
-        if result.x is None:
-            break
-        guess = relaxed.extract_candidate(instance, result.x)
-        polished_point = _polish(instance, guess, gap, time_limit - (time.perf_counter() - begin))
-        if polished_point is not None and (
-            best is None or _read_cost(polished_point) < _read_cost(best)
-        ):
-            best = polished_point
-        if best is not None and relative_gap(_read_cost(best), bound) <= gap:
-            break
-    infeasible = False
-    if is_infeasible and best is None:
-        # Envelopes on narrow boxes are badly scaled, so the exact program confirms infeasibility.
-        time_left = max(time_limit - (time.perf_counter() - begin), 0.1)
-        exact_instance = replace(instance, smooth=None)
-        exact_result = require("minlp-scip").load()(exact_instance, gap=gap, time_limit=time_left)
-        log += ["infeasible? asked SCIP on the exact program", *exact_result.log]
-        infeasible = exact_result.status == "infeasible"
-        is_usable = exact_result.x is not None and instance.smooth is None
-        best, bound = (exact_result if is_usable else None), exact_result.bound
+    infeasible = search.is_infeasible and search.best is None and search.confirm_infeasibility()
+    best = search.best
     answer = Answer(
         x=None if best is None else best.x,
-        bound=bound,
+        bound=search.bound,
         infeasible=infeasible,
-        nodes=nodes,
+        nodes=search.nodes,
         time=time.perf_counter() - begin,
         solver=f"{NAME} ({options.solver})",
-        log=tuple(log),
+        log=tuple(search.log),
         assignment=None if best is None else best.assignment,
     )
     return judge_answer(instance, answer, gap, tolerance)
+
+
+@dataclass
+class _EnvelopeSearch:
+    """An instance that is solved in rounds, with incumbent and bound so far."""
+
+    problem: Problem
+    instance: Instance
+    options: EnvelopeOptions
+    form: EnvelopeForm | None
+    gap: float
+    begin: float  # [s] of `time.perf_counter`
+    time_limit: float  # [s] from then on
+    best: SolverResult | None = None
+    bound: float = -np.inf
+    nodes: int = 0
+    log: list[str] = field(default_factory=list)
+    is_infeasible: bool = False  # a relaxation was found to be infeasible
+
+    @property
+    def _time_left(self) -> float:
+        return self.time_limit - (time.perf_counter() - self.begin)
+
+    def run_round(self, index: int) -> bool:
+        """Solve the relaxation of a round, and the exact program at its integers.
+
+        Returns:
+            False if no round can improve the result: the gap is closed, nothing is feasible, the
+            relaxation has no solution, or the time is over.
+        """
+        if self._time_left <= 0:
+            self.log.append("time limit")
+            return False
+        instance, name = self.instance, f"round {index + 1}"
+        restricted = instance if self.best is None else restrict_to_cost(instance, self.best)
+        box = _widen_box(propagate_box(restricted))
+        if (box.lower > box.upper).any():
+            self.is_infeasible = True
+            self.log.append(f"{name}: no point within the bounds")
+            return False
+        if self.form is None:
+            relaxed = _build_relaxation(self.problem, restricted, box, self.options, index)
+        else:
+            convex_instance = replace(instance, smooth=None)
+            relaxed = _apply_disjunctions(self.form.at(convex_instance), self.options)
+        time_left = self._time_left
+        if time_left <= 0:
+            self.log.append(f"{name}: the time was over when its program was made")
+            return False
+        inner_gap = _INNER_GAP * self.gap
+        result = _solve_relaxation(relaxed.instance, self.options.solver, inner_gap, time_left)
+        self.nodes += result.nodes
+        self.is_infeasible = relaxed.relaxation and result.status == "infeasible"
+        if relaxed.relaxation and not self.is_infeasible:
+            self.bound = max(self.bound, result.bound)
+        self.log.append(f"{name}: {result.status}, bound {result.bound:.6g}")
+        if result.x is None:
+            return False
+        guess = relaxed.extract_candidate(instance, result.x)
+        self._improve(_polish(instance, guess, self.gap, self._time_left))
+        return self.best is None or relative_gap(_read_cost(self.best), self.bound) > self.gap
+
+    def _improve(self, point: SolverResult | None) -> None:
+        """Take a point as incumbent if it is cheaper."""
+        if point is not None and (self.best is None or _read_cost(point) < _read_cost(self.best)):
+            self.best = point
+
+    def confirm_infeasibility(self) -> bool:
+        """Return whether SCIP finds the exact program infeasible, else take its solution and bound.
+
+        Envelopes on narrow boxes are badly scaled and alone prove nothing.
+        """
+        exact_instance = replace(self.instance, smooth=None)
+        result = require("minlp-scip").load()(
+            exact_instance, gap=self.gap, time_limit=max(self._time_left, 0.1)
+        )
+        self.log += ["infeasible? asked SCIP on the exact program", *result.log]
+        is_usable = result.x is not None and self.instance.smooth is None
+        self.best, self.bound = (result if is_usable else None), result.bound
+        return result.status == "infeasible"
 
 
 @dataclass(frozen=True)

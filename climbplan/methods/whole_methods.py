@@ -107,7 +107,13 @@ def solve_by_envelopes(task: Task) -> Outcome:
                 judge_answer(task.instance, answer, settings.gap, settings.tolerance), "", 0
             )
     result = solve_micp(
-        task.problem, task.instance, options, settings.gap, task.time_left, settings.tolerance, form
+        task.problem,
+        task.instance,
+        options,
+        settings.gap,
+        task.time_left,
+        settings.tolerance,
+        form=form,
     )
     return Outcome(result, f"envelopes ({options.solver})", 1)
 

@@ -242,16 +242,29 @@ def fit_leg_capsules(
             if radius is not None:
                 capsules.append((number, straight, radius))
                 continue
-            fitted: list[tuple[Array, float]] = []
-            for shape in (shape for shape in shapes if shape.joint == joint):
-                if foot_radius > 0 and number == width - 1:
-                    fitted += fit_end_capsules(shape, points[-1] + centre, foot_radius)
-                else:
-                    fitted += fit_strip_capsules(shape)
+            pieces = [shape for shape in shapes if shape.joint == joint]
+            sphere_radius = foot_radius if number == width - 1 else 0.0
+            fitted = _fit_link(pieces, points[-1] + centre, sphere_radius)
             capsules += [(number, _order_ends(points[-1], ends - centre), r) for ends, r in fitted]
         if not capsules or capsules[-1][0] != width - 1:
             capsules.append((width - 1, points[-2:], capsules[-1][2] if capsules else LIMB_RADIUS))
         rows.append(capsules)
+    return _stack_capsules(rows)
+
+
+def _fit_link(pieces: list[Shape], toe: Array, foot_radius: float) -> list[tuple[Array, float]]:
+    """Return the capsules of a link's pieces; foot_radius: of the sphere that ends it [m], or 0."""
+    fitted: list[tuple[Array, float]] = []
+    for shape in pieces:
+        if foot_radius > 0:
+            fitted += fit_end_capsules(shape, toe, foot_radius)
+        else:
+            fitted += fit_strip_capsules(shape)
+    return fitted
+
+
+def _stack_capsules(rows: list[list[tuple[int, Array, float]]]) -> MountedCapsules:
+    """Stack the capsules of legs, of which each has as many by repeating its first."""
     count = max(map(len, rows))
     full = [row + row[:1] * (count - len(row)) for row in rows]
     return MountedCapsules(

@@ -60,16 +60,11 @@ def build_robot_from_urdf(robot: UrdfRobot) -> Robot:
     """
     spec, names = robot.spec, robot.limb_names
     urdf_model = build_urdf_model(robot)
-    mass = spec.mass or urdf_model.compute_mass()
-    if not mass > 0:
-        raise robot.build_error([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
+    mass = read_mass(urdf_model)
     legs = [urdf_model.read_leg(name) for name in names]
     joints = [leg.names for leg in legs]
     width = max(map(len, joints))
-    lower, upper, posture = (
-        pad_to_legs(width, [[values[j] for j in leg.names] for leg in legs], empty)
-        for values, empty in zip(read_joint_angles(robot), (-1.0, 1.0, 0.0), strict=True)
-    )
+    lower, upper, posture = read_leg_angles(robot, legs, width)
     bounds = lower, upper
     centre = _compute_center(urdf_model, legs, posture)
     chain = build_chain_at_zero(legs, width, centre, posture)
@@ -81,11 +76,9 @@ def build_robot_from_urdf(robot: UrdfRobot) -> Robot:
     first = chain.joint_zero[:, 0]
     hull = _build_body_hull(robot, first, compute_body_box(shapes), centre)
     reach = spec.workspace.reach or select_common_reach(estimate_reach(chain, *bounds))
-    stance_radius = spec.workspace.stance_radius
-    if not stance_radius:
-        stance_radius = _measure_stance_radius(
-            robot, chain, stance, reach, bounds, _select_level_turns(foot)
-        )
+    stance_radius = spec.workspace.stance_radius or _measure_stance_radius(
+        robot, chain, stance, reach, bounds, _select_level_turns(foot)
+    )
     direction = stance - first
     points = chain.joint_points(np.zeros_like(posture))
     body_parts = tuple(corners - centre for corners in build_body_parts(shapes))
@@ -117,11 +110,22 @@ def build_robot_from_urdf(robot: UrdfRobot) -> Robot:
         body_parts=() if spec.body_half_size is not None else body_parts,
         dynamics=read_joint_dynamics(robot, joints, width),
     )
-    if capsules is None:
-        return built
-    return replace(
-        built, touching=find_always_touching(built, built.body_parts or (built.body_hull,))
-    )
+    return built if capsules is None else _add_touching_parts(built)
+
+
+def _add_touching_parts(robot: Robot) -> Robot:
+    """Return the robot with the pairs of its parts that touch in every posture."""
+    body_parts = robot.body_parts or (robot.body_hull,)
+    return replace(robot, touching=find_always_touching(robot, body_parts))
+
+
+def read_mass(urdf_model: UrdfModel) -> float:
+    """Return the mass of the section, else of the URDF [kg]; raises SpecError unless positive."""
+    robot = urdf_model.robot
+    mass = robot.spec.mass or urdf_model.compute_mass()
+    if not mass > 0:
+        raise robot.build_error([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
+    return mass
 
 
 def _compute_center(urdf_model: UrdfModel, legs: list[LegAtZero], posture: Array) -> Array:
@@ -233,6 +237,23 @@ def _choose_limb_radius(robot: UrdfRobot, capsules: MountedCapsules | None) -> f
         )
         raise robot.build_error([Finding(("urdf",), message)])
     return radius
+
+
+def read_leg_angles(
+    robot: UrdfRobot, legs: list[LegAtZero], width: int
+) -> tuple[Array, Array, Array]:
+    """Return lower and upper bounds and posture (N, J) of the joints of legs [rad, m].
+
+    Args:
+        robot: The section and its URDF.
+        legs: N legs at zero angles.
+        width: J, joints of the longest leg.
+    """
+    lower, upper, posture = (
+        pad_to_legs(width, [[values[j] for j in leg.names] for leg in legs], empty)
+        for values, empty in zip(read_joint_angles(robot), (-1.0, 1.0, 0.0), strict=True)
+    )
+    return lower, upper, posture
 
 
 def read_joint_angles(

@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.robots.urdf.drives import pad_to_legs, read_joint_limits
+from climbplan.robots.urdf.drives import read_joint_limits
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
-from climbplan.robots.urdf.robot_builder import build_chain_at_zero, read_joint_angles
+from climbplan.robots.urdf.robot_builder import build_chain_at_zero, read_leg_angles, read_mass
 from climbplan.robots.urdf.toe_boxes import ToeBoxes, grow_toe_boxes
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.document import Finding
@@ -54,16 +54,11 @@ def build_walking_body(robot: UrdfRobot) -> WalkingBody:
     names = _read_leg_names(robot)
     joints = max(len(leg_joints) for leg_joints in robot.joints.values())
     urdf_model = build_urdf_model(robot)
-    mass = robot.spec.mass or urdf_model.compute_mass()
-    if not mass > 0:
-        raise robot.build_error([Finding(("urdf",), f"expected a mass > 0, got {mass:g} kg")])
+    mass = read_mass(urdf_model)
     if not robot.spec.gravity > 0:
         raise robot.build_error([Finding(("gravity",), "expected more than 0 to walk")])
     at_zero = [urdf_model.read_leg(name) for name in names]
-    lower, upper, posture = (
-        pad_to_legs(joints, [[values[j] for j in leg.names] for leg in at_zero], empty)
-        for values, empty in zip(read_joint_angles(robot), (-1.0, 1.0, 0.0), strict=True)
-    )
+    lower, upper, posture = read_leg_angles(robot, at_zero, joints)
     standing = {
         joint: float(angle)
         for leg, row in zip(at_zero, posture, strict=True)

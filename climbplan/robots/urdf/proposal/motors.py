@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -45,6 +46,10 @@ class JointMotors:
         """The stiffness of most joints [N m/rad]."""
         values = [motor.stiffness for motor in self.joints.values()]
         return max(sorted(set(values)), key=values.count)
+
+    def list_torque_limits(self, joints: Sequence[UrdfJoint]) -> list[float]:
+        """List the torque limits of joints [N m]; 0 of those that neither has a limit for."""
+        return [self.joints[j.name].max_torque or float(j.effort or 0.0) for j in joints]
 
 
 def propose_motors(legs: list[tuple[UrdfJoint, ...]], reach: Array, weight: float) -> JointMotors:

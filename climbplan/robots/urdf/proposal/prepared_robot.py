@@ -32,7 +32,7 @@ from climbplan.robots.urdf.proposal.unused_joints import choose_locked_angles, f
 from climbplan.robots.urdf.robot_builder import (
     build_chain_at_zero,
     build_robot_from_urdf,
-    read_joint_angles,
+    read_leg_angles,
 )
 from climbplan.robots.urdf.shapes import CollisionShape, compute_body_box
 from climbplan.schema.robots.urdf.tree import UrdfTree
@@ -228,10 +228,7 @@ def prepare_robot(
     mass = model.compute_mass()
     if not mass > 0:
         raise UsageError(f"{tree.path}: the links have no mass, which no proposal can make up")
-    lower, upper, posture = (
-        pad_to_legs(width, [[values[j] for j in leg.names] for leg in legs], empty)
-        for values, empty in zip(read_joint_angles(model.robot), (-1.0, 1.0, 0.0), strict=True)
-    )
+    lower, upper, posture = read_leg_angles(model.robot, legs, width)
     joints = [tuple(tree.joints[j] for j in leg.names) for leg in legs]
     chain = build_chain_at_zero(legs, width, np.zeros(3), posture)
     reach = estimate_full_reach(chain, lower, upper)
@@ -245,14 +242,7 @@ def prepare_robot(
         if locked := choose_locked_angles(meshed, unused, bounds, hips):
             draft = replace(draft, locked=draft.locked | locked)
             shapes, _ = draft.read_shapes()
-    torque = pad_to_legs(
-        width,
-        [
-            [motors.joints[j.name].max_torque or float(j.effort or 0.0) for j in leg_joints]
-            for leg_joints in joints
-        ],
-        1.0,
-    )
+    torque = pad_to_legs(width, [motors.list_torque_limits(leg) for leg in joints], 1.0)
     box = compute_body_box(shapes) or (hips.min(axis=0) - 0.03, hips.max(axis=0) + 0.03)
     mirrored = find_mirrored_legs(hips)
     return PreparedRobot(

@@ -152,17 +152,6 @@ def format_stairs_document(
     pitch = 0.0
     if leans and front - rear > distance:
         pitch = float(np.rad2deg(np.arctan2(2 * stair, front - rear)))
-    width = 2 * (_TERRAIN_MARGIN + distance)
-    edges = {
-        "floor": (-_TERRAIN_MARGIN - distance, first, 0.0),
-        "first stair": (first, second, stair),
-    }
-    edges["second stair"] = (second, second + _TERRAIN_MARGIN, 2 * stair)
-    regions = "\n".join(
-        f"    - name: {name}\n      rectangle: {{center: [0, {(low + high) / 2:.4f}, {z:.4f}], "
-        f"normal: [0, 0, 1], width: {width:.1f}, height: {high - low:.4f}}}"
-        for name, (low, high, z) in edges.items()
-    )
     gait = ", ".join(format_scalar(name) for name in proposal.naming.gait)
     walls = (
         f"{_format_walls(proposal, _TERRAIN_MARGIN + distance)}\n" if proposal.posture.gap else ""
@@ -175,7 +164,7 @@ robot: {format_scalar(robot_file)}
 terrain:
   friction: {FLOOR_FRICTION:g}  # ASSUMED: rubber on a floor
 {walls}  regions:
-{regions}
+{_format_stairs(first, second, stair, distance)}
 
 task:
   rounds: {_STAIR_ROUNDS}
@@ -190,6 +179,28 @@ force: {{safety_friction: {FRICTION_SAFETY:g}}}
 trajectory: {{swing_clearance: {_EDGE_LIFT * stair:.4f}{_format_speed(proposal, step)}}}
 {_UNCERTAIN}seed: 0
 """
+
+
+def _format_stairs(first: float, second: float, stair: float, distance: float) -> str:
+    """Return the floor and two stairs as regions.
+
+    Args:
+        first: Place of the first edge along the walk [m].
+        second: Place of the second edge [m].
+        stair: Height of a stair [m].
+        distance: Horizontal distance of the farthest toe from the body [m].
+    """
+    width = 2 * (_TERRAIN_MARGIN + distance)
+    edges = {
+        "floor": (-_TERRAIN_MARGIN - distance, first, 0.0),
+        "first stair": (first, second, stair),
+        "second stair": (second, second + _TERRAIN_MARGIN, 2 * stair),
+    }
+    return "\n".join(
+        f"    - name: {name}\n      rectangle: {{center: [0, {(low + high) / 2:.4f}, {z:.4f}], "
+        f"normal: [0, 0, 1], width: {width:.1f}, height: {high - low:.4f}}}"
+        for name, (low, high, z) in edges.items()
+    )
 
 
 def format_wall_document(proposal: RobotProposal, robot_file: str, brace: LeggedPosture) -> str:

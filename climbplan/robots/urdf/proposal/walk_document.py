@@ -50,24 +50,15 @@ def format_walk_document(
     half, height = body.boxes.half, body.height
     speed = min(_SPEED, _MAX_FROUDE * float(np.sqrt(body.gravity * height)))
     lift = min(_MAX_LIFT_RATIO * float(half[2]), _MAX_LIFT)
-    max_interval = 2 * _MAX_BOX_FRACTION * float(half[0]) / (STANCE_INTERVALS * speed)
-    interval = min(_INTERVAL_SCALE * float(np.sqrt(height)), max_interval)
-    for length in np.linspace(interval, max_interval, _NUM_INTERVALS):
-        interval = float(length)
-        if effort(speed, interval, lift) <= _MAX_SWING_EFFORT:
-            break
-    interval *= slower
+    interval = slower * _choose_interval(body, effort, speed, lift)
     size = " x ".join(f"{2e3 * value:.0f}" for value in half)
     action, suffix = (f"walks forward at {speed:.2g} m/s", "walk")
     if turns:
         action, suffix, speed = (f"turns by {_TURN:g} degrees on the spot", "turn", 0.0)
     yaw = _TURN if turns else 0.0
     name = robot_file.removesuffix(".yaml").removesuffix("_walking")
-    forward_weight, yaw_weight = _FORWARD_WEIGHT, _YAW_WEIGHT
-    if turns:
-        yaw_weight *= haste
-    else:
-        forward_weight *= haste
+    forward_weight = _FORWARD_WEIGHT * (1.0 if turns else haste)
+    yaw_weight = _YAW_WEIGHT * (haste if turns else 1.0)
     comment = "a calm body" if haste == 1.0 else "less calm a body lags behind"
     weights = f"velocity: [{forward_weight:g}, 100, 1000], angles: [100, 100, {yaw_weight:g}]"
     return f"""# {body.name} {action}, every other leg at a time.
@@ -93,3 +84,20 @@ solver: {{method: nlp, initial_gait: walking trot}}
 loop: {{max_qp_iterations: {_QP_ITERATIONS}}}  # of `--method online`: time for more gaits
 seed: 0
 """
+
+
+def _choose_interval(
+    body: WalkingBody, effort: Callable[[float, float, float], float], speed: float, lift: float
+) -> float:
+    """Return the interval [s] of a pendulum's time, or the next one whose swings are easy enough.
+
+    It is at most as long as boxes let the body travel meanwhile.
+    """
+    half = body.boxes.half
+    max_interval = 2 * _MAX_BOX_FRACTION * float(half[0]) / (STANCE_INTERVALS * speed)
+    interval = min(_INTERVAL_SCALE * float(np.sqrt(body.height)), max_interval)
+    for length in np.linspace(interval, max_interval, _NUM_INTERVALS):
+        interval = float(length)
+        if effort(speed, interval, lift) <= _MAX_SWING_EFFORT:
+            break
+    return interval

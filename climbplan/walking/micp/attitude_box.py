@@ -11,6 +11,7 @@ Published methods, and table numbers, are those of X. Lin (UCLA 2022).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,7 +20,7 @@ import numpy as np
 from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body, skew
 from climbplan.walking.check.reference_dynamics import integrate_knot
-from climbplan.walking.task.task import ANGLES, SPIN, WalkTask
+from climbplan.walking.task.task import ANGLES, SPIN, RigidBody, WalkTask
 
 _GRID = 21  # points of an angle
 _ROUNDING = 1e-12
@@ -173,21 +174,19 @@ def _compute_rotation_bounds(task: WalkTask, attitude_box: AttitudeBox, n: int) 
     omega_remainder = _bound_linear_images(
         second_order @ R.T, omega[None], omega_half, grid_error * max_omega
     )
-    center, toe_half = task.body.toe_center, task.body.toe_half
-    max_reach = float(np.linalg.norm(np.abs(center) + toe_half, axis=1).max())
     heading_axes = rotation_world_body(np.array([0.0, 0.0, attitude_box.heading[n]]))
-    toe_error = grid_error * max_reach
-    arms = _bound_linear_images(heading_axes.T @ rotations, center, toe_half, toe_error)
-    middle_arms = _bound_linear_images(R.T @ rotations, center, toe_half, toe_error)
     # Second derivatives of w times a rotation: twice the slope of the rotation, and w times its
     # curvature.
-    remainder_error = (
-        (3.0 + float(np.linalg.norm(np.abs(jacobian) @ half))) * grid_error * max_reach
+    remainder_error = (3.0 + float(np.linalg.norm(np.abs(jacobian) @ half))) * grid_error
+    toes = _bound_toe_images(
+        task.body,
+        {
+            "arm": (heading_axes.T @ rotations, grid_error),
+            "world_arm": (rotations, grid_error),
+            "middle_arm": (R.T @ rotations, grid_error),
+            "toe_remainder": (second_order @ R.T @ rotations, remainder_error),
+        },
     )
-    toe_remainder = _bound_linear_images(
-        second_order @ R.T @ rotations, center, toe_half, remainder_error
-    )
-    world_arms = _bound_linear_images(rotations, center, toe_half, toe_error)
     inertia = _bound_inertia(task.body.inertia, R, rotations, grid_error)
     principal = _bound_principal_remainders(
         task.body.inertia, R, rotations, (grid - middle) @ jacobian.T, grid_error
@@ -214,14 +213,7 @@ def _compute_rotation_bounds(task: WalkTask, attitude_box: AttitudeBox, n: int) 
         omega_remainder_low=omega_remainder[0][0],
         omega_remainder_high=omega_remainder[1][0],
         heading_axes=heading_axes,
-        arm_low=arms[0],
-        arm_high=arms[1],
-        world_arm_low=world_arms[0],
-        world_arm_high=world_arms[1],
-        middle_arm_low=middle_arms[0],
-        middle_arm_high=middle_arms[1],
-        toe_remainder_low=toe_remainder[0],
-        toe_remainder_high=toe_remainder[1],
+        **toes,
     )
 
 
@@ -296,6 +288,26 @@ def _bound_inertia(
     inverse_error = np.abs(rotations @ body_inverse @ transposed - inverse).max(axis=0)
     inertia_error = np.abs(rotations @ inertia @ transposed - world_inertia).max(axis=0)
     return inverse, inverse_error + 2.0 * spread * grid_error, world_inertia, inertia_error
+
+
+def _bound_toe_images(body: RigidBody, maps: Mapping[str, tuple[Array, float]]) -> dict[str, Array]:
+    """Bound the images of the boxes of toes under linear maps.
+
+    Args:
+        body: The robot.
+        maps: By name: maps on a grid (G, 3, 3), and how much further the image of a unit vector by
+            maps between those of the grid may be.
+
+    Returns:
+        Lower and upper bounds (L, 3) [m], by the name followed by `_low` and `_high`.
+    """
+    center, toe_half = body.toe_center, body.toe_half
+    max_reach = float(np.linalg.norm(np.abs(center) + toe_half, axis=1).max())
+    bounds: dict[str, Array] = {}
+    for name, (on_grid, error) in maps.items():
+        low, high = _bound_linear_images(on_grid, center, toe_half, error * max_reach)
+        bounds[f"{name}_low"], bounds[f"{name}_high"] = low, high
+    return bounds
 
 
 def _bound_linear_images(

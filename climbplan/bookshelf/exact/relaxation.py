@@ -137,7 +137,7 @@ def solve_relaxation(
 
 @compiled
 def _write_placement(
-    problem: Problem, work: NodeWorkspace, span: Array, z: Array, is_solved: bool
+    problem: SceneArrays, work: NodeWorkspace, span: Array, z: Array, is_solved: bool
 ) -> None:
     """Write the relaxed placement of a solution z (variables,) to columns X and TILT."""
     n, body, objective = problem.stored, work.body, work.objective

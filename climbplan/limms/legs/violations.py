@@ -121,13 +121,12 @@ def _find_collisions(
                 for instant in _find_worst_instants(
                     trajectory, motion.time, -gap[:, link, s], -TOUCH_TOLERANCE
                 ):
-                    ends = segments[i][instant, link]
                     cuts += _build_block_cuts(
                         phase,
                         float(fraction[instant]),
                         limb=i,
                         link=link,
-                        ends=ends,
+                        ends=segments[i][instant, link],
                         block=blocks[s],
                         radius=radius,
                     )
@@ -138,15 +137,13 @@ def _find_collisions(
             for instant in _find_worst_instants(
                 trajectory, motion.time, -box_gap[:, link], -TOUCH_TOLERANCE
             ):
-                ends = segments[i][instant, link] - centre[instant]
-                block = np.array([-half, half])
                 cuts += _build_block_cuts(
                     phase,
                     float(fraction[instant]),
                     limb=i,
                     link=link,
-                    ends=ends,
-                    block=block,
+                    ends=segments[i][instant, link] - centre[instant],
+                    block=np.array([-half, half]),
                     radius=radius,
                     with_box=True,
                 )

@@ -252,7 +252,9 @@ def fit_leg_capsules(
     return _stack_capsules(rows)
 
 
-def _fit_link(pieces: list[Shape], toe: Array, foot_radius: float) -> list[tuple[Array, float]]:
+def _fit_link(
+    pieces: list[CollisionShape], toe: Array, foot_radius: float
+) -> list[tuple[Array, float]]:
     """Return the capsules of a link's pieces; foot_radius: of the sphere that ends it [m], or 0."""
     fitted: list[tuple[Array, float]] = []
     for shape in pieces:

@@ -149,8 +149,8 @@ class Conflict:
     def _constraints_with_checks(self) -> tuple[str, ...]:
         """The constraints, each with the name of its check in brackets."""
         if self.in_words or not self.names:
-            told = f" [{', '.join(self.names)}]" if self.names else ""
-            return (*self.constraints[:-1], self.constraints[-1] + told)
+            checks_text = f" [{', '.join(self.names)}]" if self.names else ""
+            return (*self.constraints[:-1], self.constraints[-1] + checks_text)
         both = zip(self.constraints, self.names, strict=True)
         return tuple(what if what == name else f"{what} [{name}]" for what, name in both)
 

@@ -114,7 +114,10 @@ def bounded_memory(max_bytes: int = MAX_MEMORY) -> Iterator[None]:
     except (ImportError, OSError):
         yield
         return
-    limits = [size + max_bytes, *(one for one in (soft, hard) if one != resource.RLIM_INFINITY)]
+    limits = [
+        size + max_bytes,
+        *(memory_limit for memory_limit in (soft, hard) if memory_limit != resource.RLIM_INFINITY),
+    ]
     resource.setrlimit(resource.RLIMIT_AS, (min(limits), hard))
     try:
         yield

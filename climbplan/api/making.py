@@ -75,21 +75,24 @@ def _climb(loaded: LoadedClimb, options: PlanningOptions) -> PlannedResult:
     from climbplan.climb.plan.file import write_climb
     from climbplan.climb.planner.planner import plan_climb
 
-    def plan(given: LoadedClimb) -> ClimbPlan:
+    def plan(climb: LoadedClimb) -> ClimbPlan:
         return plan_climb(
-            given, report=options.progress, jobs=options.jobs, save_model=options.save_model
+            climb, report=options.progress, jobs=options.jobs, save_model=options.save_model
         )
 
     if loaded.spec.risk is None:
-        found = _in_sampled_worlds(plan(loaded), loaded, options)
+        climb_plan = _in_sampled_worlds(plan(loaded), loaded, options)
     else:
         from climbplan.climb.simulation.risk.planning import Execution, plan_with_risk
 
-        found = plan_with_risk(
+        climb_plan = plan_with_risk(
             loaded, plan, type(loaded).with_overrides, Execution(options.jobs, options.progress)
         )
     return PlannedResult(
-        found.summary, found.warnings, found.status, lambda path: write_climb(found, path)
+        climb_plan.summary,
+        climb_plan.warnings,
+        climb_plan.status,
+        lambda path: write_climb(climb_plan, path),
     )
 
 
@@ -97,19 +100,22 @@ def _transition(loaded: LoadedTransition, options: PlanningOptions) -> PlannedRe
     from climbplan.climb.plan.file import write_climb
     from climbplan.climb.transition.planner import plan_transition
 
-    def plan(given: LoadedTransition) -> ClimbPlan:
-        return plan_transition(given, report=options.progress)
+    def plan(transition: LoadedTransition) -> ClimbPlan:
+        return plan_transition(transition, report=options.progress)
 
     if loaded.spec.risk is None:
-        found = _in_sampled_worlds(plan(loaded), loaded, options)
+        transition_plan = _in_sampled_worlds(plan(loaded), loaded, options)
     else:
         from climbplan.climb.simulation.risk.planning import Execution, plan_with_risk
 
-        found = plan_with_risk(
+        transition_plan = plan_with_risk(
             loaded, plan, type(loaded).with_overrides, Execution(options.jobs, options.progress)
         )
     return PlannedResult(
-        found.summary, found.warnings, found.status, lambda path: write_climb(found, path)
+        transition_plan.summary,
+        transition_plan.warnings,
+        transition_plan.status,
+        lambda path: write_climb(transition_plan, path),
     )
 
 
@@ -137,9 +143,12 @@ def _limms(loaded: LoadedLimms, options: PlanningOptions) -> PlannedResult:
     from climbplan.limms.plan.file import write_limms_plan
     from climbplan.limms.planner.planner import plan_limms
 
-    found = plan_limms(loaded, options.progress)
+    modules_plan = plan_limms(loaded, options.progress)
     return PlannedResult(
-        found.summary, found.warnings, found.status, lambda path: write_limms_plan(found, path)
+        modules_plan.summary,
+        modules_plan.warnings,
+        modules_plan.status,
+        lambda path: write_limms_plan(modules_plan, path),
     )
 
 
@@ -149,9 +158,9 @@ def _walk(loaded: LoadedMpc, options: PlanningOptions) -> PlannedResult:
     if loaded.spec.solver.method != "online":
         from climbplan.walking.planner.planner import plan_walk
 
-        found = plan_walk(loaded, options.progress)
+        walk = plan_walk(loaded, options.progress)
         return PlannedResult(
-            found.summary, found.warnings, found.status, lambda path: write_walk_plan(found, path)
+            walk.summary, walk.warnings, walk.status, lambda path: write_walk_plan(walk, path)
         )
     from climbplan.walking.online.library import write_library
     from climbplan.walking.online.run import run_online
@@ -170,9 +179,12 @@ def _shelf(loaded: LoadedShelf, options: PlanningOptions) -> PlannedResult:
     from climbplan.bookshelf.plan.file import write_shelf_plan
     from climbplan.bookshelf.planner.runs import run_shelf
 
-    found = run_shelf(loaded, options.progress, options.jobs, options.warn, options.save_model)
+    shelf_run = run_shelf(loaded, options.progress, options.jobs, options.warn, options.save_model)
     return PlannedResult(
-        found.summary, (), found.totals.status, lambda path: write_shelf_plan(found, path)
+        shelf_run.summary,
+        (),
+        shelf_run.totals.status,
+        lambda path: write_shelf_plan(shelf_run, path),
     )
 
 

@@ -67,7 +67,9 @@ def new_robot(
     planned = plan_proposal(proposal, directory, report, _sample_for_choice)
     proposal = planned.proposal
     report("counting falls in worlds that nothing was chosen by")
-    outcomes: list[SpecOutcome | ProposedWalk] = [_in_fresh_worlds(one) for one in planned.outcomes]
+    outcomes: list[SpecOutcome | ProposedWalk] = [
+        _in_fresh_worlds(proposed) for proposed in planned.outcomes
+    ]
     walks = {}
     if planned.walks:
         report("planning a walk at speed")
@@ -83,8 +85,11 @@ def new_robot(
     notes += [f"assumed: {text}" for text in proposal.assumptions]
     notes += [str(outcome) for outcome in outcomes]
     badges = [
-        (one.what if one.plan is not None else f"not found: {one.what}", one.plan is not None)
-        for one in outcomes
+        (
+            proposed.what if proposed.plan is not None else f"not found: {proposed.what}",
+            proposed.plan is not None,
+        )
+        for proposed in outcomes
     ]
     visual_geometry = load_visual_geometry(proposal.draft.load_robot(), proposal.robot, _TRIANGLES)
     page = {

@@ -62,7 +62,7 @@ def problem_from_spec(
         loaded: object = override_spec(spec, overrides) if overrides else spec
     else:
         loaded = load_spec(spec, overrides)
-    maker = next((made for kind, made in _MAKERS.items() if isinstance(loaded, kind)), None)
+    maker = next((factory for kind, factory in _MAKERS.items() if isinstance(loaded, kind)), None)
     if maker is None or not isinstance(loaded, LoadedSpec):
         kind = getattr(getattr(loaded, "spec", None), "kind", type(loaded).__name__)
         raise UsageError(

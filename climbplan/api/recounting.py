@@ -51,6 +51,6 @@ def recount_worlds(path: Path, verification: Verification) -> Verification:
     engine: Literal["mujoco", "statics"] = "statics" if stored.engine == "statics" else "mujoco"
     judged = estimate_risk(plan, Conditions(), engine, stored.worlds, stored.seed)
     off = abs(judged.falls - stored.falls) / stored.worlds
-    words = f"{judged.falls} of {stored.worlds} fall, stored {stored.falls}"
-    check = judge("robust.recount", off, margin=words)
+    mismatch = f"{judged.falls} of {stored.worlds} fall, stored {stored.falls}"
+    check = judge("robust.recount", off, margin=mismatch)
     return replace(verification, checks=(*verification.checks, check))

@@ -24,13 +24,13 @@ def find_simulator(path: Path) -> Callable[[Path], tuple[str, Simulate]]:
 
     Raises PlanFileError for a file that is not a plan, and for kinds without a simulated model.
     """
-    found = read_plan_format(path)
-    if found not in _KINDS:
+    kind = read_plan_format(path)
+    if kind not in _KINDS:
         raise PlanFileError(
-            f"{path}: holds {found!r}; `simulate` replays climbs, transitions, walks and modules "
+            f"{path}: holds {kind!r}; `simulate` replays climbs, transitions, walks and modules "
             f"({', '.join(_KINDS)}), there is no simulated model for anything else"
         )
-    return _KINDS[found]
+    return _KINDS[kind]
 
 
 def _climb(path: Path) -> tuple[str, Simulate]:
@@ -38,24 +38,24 @@ def _climb(path: Path) -> tuple[str, Simulate]:
 
     plan = read_climb(path)
 
-    def run(asked: SimulationRequest, report: Progress) -> tuple[SimulationRecord, list[str]]:
+    def run(request: SimulationRequest, report: Progress) -> tuple[SimulationRecord, list[str]]:
         from climbplan.climb.simulation.report import build_report
         from climbplan.climb.simulation.risk.estimation import format_risk
         from climbplan.climb.simulation.risk.multilevel_splitting import format_rare_event
         from climbplan.climb.simulation.study import simulate_plan
 
-        _reject_pushes(asked)
-        found = simulate_plan(plan, asked, report)
+        _reject_pushes(request)
+        record = simulate_plan(plan, request, report)
         lines = [
-            f"{found.sweep_key} {point.value:g}: "
+            f"{record.sweep_key} {point.value:g}: "
             + (point.no_plan or f"{point.fall_share.fallen} of {point.fall_share.runs} runs fall")
-            for point in found.points
+            for point in record.points
         ]
-        if found.risk is not None:
-            lines += format_risk(found.risk, plan.robot.limb_names, plan)
-        if found.rare is not None:
-            lines += format_rare_event(found.rare)
-        return build_report(found), [*lines, *_falls(found.trials)]
+        if record.risk is not None:
+            lines += format_risk(record.risk, plan.robot.limb_names, plan)
+        if record.rare is not None:
+            lines += format_rare_event(record.rare)
+        return build_report(record), [*lines, *_falls(record.trials)]
 
     return plan.name, run
 
@@ -65,18 +65,18 @@ def _walk(path: Path) -> tuple[str, Simulate]:
 
     plan = read_walk_plan(path)
 
-    def run(asked: SimulationRequest, report: Progress) -> tuple[SimulationRecord, list[str]]:
-        if asked.rare:
+    def run(request: SimulationRequest, report: Progress) -> tuple[SimulationRecord, list[str]]:
+        if request.rare:
             raise UsageError("--rare: walks have no worlds of an uncertainty")
         if plan.task.legs is not None:
             from climbplan.walking.simulation import whole_body_study
 
-            whole = whole_body_study.simulate_whole_body_plan(plan, asked, report)
+            whole = whole_body_study.simulate_whole_body_plan(plan, request, report)
             return whole_body_study.build_report(whole), _falls(whole.trials)
         from climbplan.walking.simulation.rigid_body_study import build_report, simulate_walk_plan
 
-        found = simulate_walk_plan(plan, asked, report)
-        return build_report(found), _falls(found.trials)
+        record = simulate_walk_plan(plan, request, report)
+        return build_report(record), _falls(record.trials)
 
     return plan.name, run
 
@@ -86,20 +86,20 @@ def _modules(path: Path) -> tuple[str, Simulate]:
 
     plan = read_limms_plan(path)
 
-    def run(asked: SimulationRequest, report: Progress) -> tuple[SimulationRecord, list[str]]:
+    def run(request: SimulationRequest, report: Progress) -> tuple[SimulationRecord, list[str]]:
         from climbplan.limms.simulation.study import build_report, simulate_module_plan
 
-        _reject_pushes(asked)
-        found = simulate_module_plan(plan, asked, report)
-        return build_report(found), [
-            f"{broken.time:.2f} s  {broken.words}" for broken in found.run.broken[1:]
+        _reject_pushes(request)
+        record = simulate_module_plan(plan, request, report)
+        return build_report(record), [
+            f"{broken.time:.2f} s  {broken.words}" for broken in record.run.broken[1:]
         ]
 
     return plan.name, run
 
 
-def _reject_pushes(asked: SimulationRequest) -> None:
-    if asked.pushes:
+def _reject_pushes(request: SimulationRequest) -> None:
+    if request.pushes:
         raise UsageError("--push: only walks of robots from URDFs are pushed")
 
 

@@ -153,8 +153,8 @@ def solve(
         raise UsageError(f"unknown method {method!r}: expected one of {', '.join(METHODS)}")
     unknown = sorted(set(settings) - set(MethodSettings.__dataclass_fields__))
     if unknown:
-        known = ", ".join(MethodSettings.__dataclass_fields__)
-        raise UsageError(f"no setting {', '.join(unknown)}: expected some of {known}")
+        setting_names = ", ".join(MethodSettings.__dataclass_fields__)
+        raise UsageError(f"no setting {', '.join(unknown)}: expected some of {setting_names}")
     if isinstance(settings.get("library"), str | Path):
         settings["library"] = read_library(exact_problem, Path(settings["library"]))
     if isinstance(settings.get("model"), str | Path):

@@ -101,39 +101,43 @@ def _collect_values(
 ) -> dict[str, Any]:
     from climbplan.robots.model import dynamics_of
 
-    made = facts.robot
-    names, force, torque = made.limbs.joint_names, facts.standing_force, facts.standing_torque
-    limbs, drives = [], dynamics_of(made)
-    for n, name in enumerate(made.limb_names):
-        has_joint = made.has_joint[n]
+    robot_model = facts.robot
+    names, force, torque = (
+        robot_model.limbs.joint_names,
+        facts.standing_force,
+        facts.standing_torque,
+    )
+    limbs, drives = [], dynamics_of(robot_model)
+    for n, name in enumerate(robot_model.limb_names):
+        has_joint = robot_model.has_joint[n]
         limbs.append(
             {
                 "name": name,
-                "side": made.sides[n],
+                "side": robot_model.sides[n],
                 "joints": [joint for joint in names[n] if joint],
-                "lower": made.joint_lower[n, has_joint].tolist(),
-                "upper": made.joint_upper[n, has_joint].tolist(),
-                "max_torque": made.max_torque[n, has_joint].tolist(),
-                "joint_stiffness": made.joint_stiffness[n, has_joint].tolist(),
-                "max_joint_speed": made.max_joint_speed[n, has_joint].tolist(),
+                "lower": robot_model.joint_lower[n, has_joint].tolist(),
+                "upper": robot_model.joint_upper[n, has_joint].tolist(),
+                "max_torque": robot_model.max_torque[n, has_joint].tolist(),
+                "joint_stiffness": robot_model.joint_stiffness[n, has_joint].tolist(),
+                "max_joint_speed": robot_model.max_joint_speed[n, has_joint].tolist(),
                 "rotor_inertia": drives.rotor_inertia[n, has_joint].tolist(),
                 "joint_damping": drives.damping[n, has_joint].tolist(),
-                "stance": made.stance_body[n].tolist(),
+                "stance": robot_model.stance_body[n].tolist(),
                 "reach": float(facts.reach[n]),
                 "standing_force": None if force is None else float(force[n]),
                 "standing_torque": None if torque is None else torque[n, has_joint].tolist(),
             }
         )
     return {
-        "robot": made.name,
-        "mass": made.mass,
-        "gravity": made.gravity,
-        "structural_compliance_share": made.structural_compliance_share,
+        "robot": robot_model.name,
+        "mass": robot_model.mass,
+        "gravity": robot_model.gravity,
+        "structural_compliance_share": robot_model.structural_compliance_share,
         "standing_height": facts.standing_height,
         "standing_safety": facts.standing_safety,
-        "reach": made.reach,
-        "stance_radius": made.stance_radius,
-        "limb_radius": made.limb_radius,
+        "reach": robot_model.reach,
+        "stance_radius": robot_model.stance_radius,
+        "limb_radius": robot_model.limb_radius,
         "limbs": limbs,
         "notes": list(notes),
         **({} if picture is None else {"picture": str(picture)}),
@@ -143,26 +147,27 @@ def _collect_values(
 def _format_lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
     import numpy as np
 
-    made = facts.robot
-    has_joint = made.has_joint
-    body = np.ptp(made.body_hull, axis=0)
+    robot_model = facts.robot
+    has_joint = robot_model.has_joint
+    body = np.ptp(robot_model.body_hull, axis=0)
     joints = int(has_joint.sum())
     lines = [
-        f"{made.name}: {made.mass:.4g} kg, {made.limb_count} limbs, {joints} joints",
+        f"{robot_model.name}: {robot_model.mass:.4g} kg, {robot_model.limb_count} limbs, "
+        f"{joints} joints",
         f"body      {' x '.join(f'{side:.3f}' for side in body)} m",
         f"stance    body {facts.standing_height:.3f} m above its toes"
         + (f", which differ by {facts.uneven:.3f} m in height" if facts.uneven > 1e-3 else ""),
         (
-            f"planner   toes within {made.reach:.3f} m of their shoulders and "
-            f"{made.stance_radius:.3f} m of their stance"
+            f"planner   toes within {robot_model.reach:.3f} m of their shoulders and "
+            f"{robot_model.stance_radius:.3f} m of their stance"
         ),
         _format_standing(facts),
         f"{'limb':<10}{'toe of the stance [m]':<26}{'reach [m]':>9}  {_COLUMNS}"
-        + (_SLIDING if made.slides.any() else ""),
+        + (_SLIDING if robot_model.slides.any() else ""),
     ]
-    for n, name in enumerate(made.limb_names):
+    for n, name in enumerate(robot_model.limb_names):
         limb_joints = has_joint[n]
-        toe = ", ".join(f"{value:.3f}" for value in made.stance_body[n])
+        toe = ", ".join(f"{value:.3f}" for value in robot_model.stance_body[n])
         if not np.isfinite(facts.stance_angles[n, limb_joints]).all():
             toe += " (out of reach)"
         bounds = ", ".join(
@@ -170,14 +175,14 @@ def _format_lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
             if slides
             else f"{np.rad2deg(low):.0f}..{np.rad2deg(high):.0f}"
             for low, high, slides in zip(
-                made.joint_lower[n, limb_joints],
-                made.joint_upper[n, limb_joints],
-                made.slides[n, limb_joints],
+                robot_model.joint_lower[n, limb_joints],
+                robot_model.joint_upper[n, limb_joints],
+                robot_model.slides[n, limb_joints],
                 strict=True,
             )
         )
-        torque = "/".join(f"{value:g}" for value in made.max_torque[n, limb_joints])
-        stiffness = "/".join(f"{value:g}" for value in made.joint_stiffness[n, limb_joints])
+        torque = "/".join(f"{value:g}" for value in robot_model.max_torque[n, limb_joints])
+        stiffness = "/".join(f"{value:g}" for value in robot_model.joint_stiffness[n, limb_joints])
         lines.append(f"{name:<10}{toe:<26}{facts.reach[n]:>9.3f}  {bounds}; {torque}; {stiffness}")
     return [*lines, *notes]
 
@@ -187,16 +192,18 @@ def _format_standing(facts: RobotFacts) -> str:
 
     from climbplan.robots.joint_units import torque_unit
 
-    made = facts.robot
+    robot_model = facts.robot
     if facts.standing_force is None or facts.standing_torque is None:
         return "standing  not on these toes: the body is not above them, or some are out of reach"
-    utilisation = np.abs(facts.standing_torque) / np.where(made.has_joint, made.max_torque, np.inf)
+    utilisation = np.abs(facts.standing_torque) / np.where(
+        robot_model.has_joint, robot_model.max_torque, np.inf
+    )
     n, j = np.unravel_index(int(np.argmax(utilisation)), utilisation.shape)
     lowest, highest = facts.standing_force.min(), facts.standing_force.max()
     span = f"{highest:.1f}" if highest - lowest < 0.05 else f"{lowest:.1f} to {highest:.1f}"
     return (
         f"standing  {span} N a toe, straight up; nearest to its limit is "
-        f"{made.limb_names[n]} {made.joint_name(int(n), int(j))}: "
-        f"{abs(facts.standing_torque[n, j]):.2f} of {made.max_torque[n, j]:g} "
-        f"{torque_unit(made, int(n), int(j))}"
+        f"{robot_model.limb_names[n]} {robot_model.joint_name(int(n), int(j))}: "
+        f"{abs(facts.standing_torque[n, j]):.2f} of {robot_model.max_torque[n, j]:g} "
+        f"{torque_unit(robot_model, int(n), int(j))}"
     )

@@ -398,7 +398,7 @@ def parse_push(text: str) -> tuple[float, tuple[float, float, float]]:
     """Parse TIME:VX,VY,VZ of a push into time [s] and velocity [m/s]; raises UsageError."""
     when, mark, velocity = text.partition(":")
     try:
-        time, components = float(when), [float(part) for part in velocity.split(",")]
+        time, components = float(when), [float(component) for component in velocity.split(",")]
     except ValueError:
         time, components = math.nan, []
     if not mark or len(components) != 3 or not all(map(math.isfinite, (time, *components))):

@@ -68,6 +68,6 @@ def mark_unverified(target: Path, remark: str) -> None:
     if target.is_dir():
         (target / NOT_VERIFIED).write_text(f"{remark}\n", encoding="utf-8")
     elif target.suffix == ".csv":
-        with replace_atomically(target) as aside, aside.open("wb") as stream:
+        with replace_atomically(target) as temporary, temporary.open("wb") as stream:
             stream.write(f"# {remark}\n".encode())
             stream.write(target.read_bytes())

@@ -20,10 +20,10 @@ def format_verification(verification: Verification, seconds: float) -> str:
 
 def format_omissions(verification: Verification) -> Iterator[str]:
     """Format what the badge leaves out, one line each."""
-    for words in verification.leaves_out:
-        yield f"{'':<9} {'leaves out':<9} {words}"
-    for words in verification.fragile:
-        yield f"{'':<9} {'fragile':<9} {words}"
+    for reason in verification.leaves_out:
+        yield f"{'':<9} {'leaves out':<9} {reason}"
+    for reason in verification.fragile:
+        yield f"{'':<9} {'fragile':<9} {reason}"
 
 
 def format_level(verification: Verification) -> str:

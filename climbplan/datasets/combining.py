@@ -67,9 +67,9 @@ def split(data: Dataset, test_share: float, seed: int = 0) -> TrainTestSplit:
     """
     if not 0 < test_share < 1:  # NaN as well
         raise UsageError(f"--test {test_share:g}: expected a share of more than 0 and less than 1")
-    drawn = data.drawn
+    is_drawn = data.drawn
     hashes = np.array(data.hashes())
-    problems = np.unique(hashes[drawn])
+    problems = np.unique(hashes[is_drawn])
     number = round(test_share * len(problems))
     if not 0 < number < len(problems):
         raise UsageError(
@@ -77,17 +77,17 @@ def split(data: Dataset, test_share: float, seed: int = 0) -> TrainTestSplit:
             "for the test"
         )
     chosen = np.random.default_rng(seed).permutation(problems)[:number]
-    test = drawn & np.isin(hashes, chosen)
-    return TrainTestSplit(drawn & ~test, test)
+    test = is_drawn & np.isin(hashes, chosen)
+    return TrainTestSplit(is_drawn & ~test, test)
 
 
 def _mark_repeated(data: Dataset) -> BoolArray:
     """Return rows (n,) whose problem an earlier row holds; those without a problem are none."""
-    drawn = data.drawn
+    is_drawn = data.drawn
     is_repeated = np.zeros(data.count, bool)
     earlier_hashes: set[str] = set()
     for k, text in enumerate(data.hashes()):
-        if drawn[k]:
+        if is_drawn[k]:
             is_repeated[k] = text in earlier_hashes
             earlier_hashes.add(text)
     return is_repeated

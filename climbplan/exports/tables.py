@@ -25,10 +25,10 @@ def write_table(motion: RobotMotion, out: Path) -> None:
     """
     header, columns = ["time_s"], [motion.time[:, None]]
     for body in motion.bodies:
-        header += [f"{body.name}_{part}" for part in POSE]
+        header += [f"{body.name}_{coordinate}" for coordinate in POSE]
         columns += [body.position, body.quaternion]
     if motion.base is not None:
-        header += [f"{BASE}_{part}" for part in POSE]
+        header += [f"{BASE}_{coordinate}" for coordinate in POSE]
         columns += [motion.base.position, motion.base.quaternion]
     if motion.joints is not None:
         joints = motion.joints

@@ -83,7 +83,7 @@ def fit_forest(
     """
     from sklearn.ensemble import RandomForestClassifier
 
-    tree_arrays, label, share, count = [], [], [], []
+    tree_arrays, label, fractions, count = [], [], [], []
     # scikit-learn stores a number for each class at every node, which is too much for many trees of
     # many classes; only nonzero ones are kept. Batches continue one random sequence.
     numbers = np.random.RandomState(seed)
@@ -107,13 +107,13 @@ def fit_forest(
             value = value / np.maximum(value.sum(axis=1), 1e-300)[:, None]
             node, column = np.nonzero(value)
             label.append(class_of_column[column])
-            share.append(value[node, column])
+            fractions.append(value[node, column])
             count.append(np.bincount(node, minlength=len(inner)))
     return Forest(
         trees=join_trees(tree_arrays),
         first=np.concatenate([[0], np.cumsum(np.concatenate(count))]).astype(np.int64),
         label=np.concatenate(label),
-        share=np.concatenate(share),
+        share=np.concatenate(fractions),
         classes=classes,
     )
 

@@ -177,11 +177,13 @@ def _read_model_file(reader: Reader) -> ModelFile:
     """Read all members."""
     require_other(reader, FORMAT_VERSION, FORMAT, "a model of `climbplan fit-strategy`")
     kind_text = reader.text("", "kind")
-    kind = next((known for known in MODEL_KINDS if known == kind_text), None)
+    kind = next(
+        (candidate_kind for candidate_kind in MODEL_KINDS if candidate_kind == kind_text), None
+    )
     if kind is None:
         raise reader.refuse(f"kind {kind_text!r}, expected one of {', '.join(MODEL_KINDS)}")
-    part = _OF_KIND[kind]
-    _require_members(reader, kind, part)
+    section = _OF_KIND[kind]
+    _require_members(reader, kind, section)
     frame = ProgramSignature(
         reader.text("", "program"),
         reader.array("library/integer", _FRAME["integer"]),
@@ -196,7 +198,7 @@ def _read_model_file(reader: Reader) -> ModelFile:
         kind=kind,
         library=Library.of(frame, **arrays),
         scale=reader.array("scale", _SCALE),
-        classifier=_read_classifier(reader, part) if part else None,
+        classifier=_read_classifier(reader, section) if section else None,
         cluster=reader.array("cluster", _CLUSTER) if kind == "reduce" else None,
         context=context,
     )

@@ -76,13 +76,15 @@ def join_trees(trees: list[Trees]) -> Trees:
     """Join trees one after the other."""
     shift = np.cumsum([0, *(len(t.feature) for t in trees)])[:-1]
 
-    def moved(index: IntArray, offset: int) -> IntArray:
+    def shift_indices(index: IntArray, offset: int) -> IntArray:
         return np.where(index == LEAF, LEAF, index + offset)
 
     return Trees(
         root=np.concatenate([t.root + k for t, k in zip(trees, shift, strict=True)]),
         feature=np.concatenate([t.feature for t in trees]),
         threshold=np.concatenate([t.threshold for t in trees]),
-        left=np.concatenate([moved(t.left, k) for t, k in zip(trees, shift, strict=True)]),
-        right=np.concatenate([moved(t.right, k) for t, k in zip(trees, shift, strict=True)]),
+        left=np.concatenate([shift_indices(t.left, k) for t, k in zip(trees, shift, strict=True)]),
+        right=np.concatenate(
+            [shift_indices(t.right, k) for t, k in zip(trees, shift, strict=True)]
+        ),
     )

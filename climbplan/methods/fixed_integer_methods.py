@@ -85,7 +85,7 @@ def solve_reduced(task: Task) -> Outcome:
             task.instance, features, clusters, task.time_left, more, lambda: has_answer[0]
         )
 
-    def checked(instance: Instance, x: Array) -> CheckedPoint:
+    def check_candidate_point(instance: Instance, x: Array) -> CheckedPoint:
         verdict = task.check_point(instance, x)
         has_answer[0] = has_answer[0] or verdict.passed
         return verdict
@@ -95,7 +95,7 @@ def solve_reduced(task: Task) -> Outcome:
         replace(task, settings=replace(settings, solver=None)),
         candidates(),
         lambda k, _: f"candidate {k + 1} (reduce)",
-        check=checked,
+        check=check_candidate_point,
         time_limit=np.inf,
     )
 

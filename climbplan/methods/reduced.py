@@ -91,13 +91,13 @@ class ClusterReduction:
         return ReducedForm(self, low, high, envelopes)
 
 
-def _restrict_to_points(partition: Partition, points: Array, room: float) -> Partition:
+def _restrict_to_points(partition: Partition, points: Array, slack: float) -> Partition:
     """Return the pieces in which points (S, N) lie, tightened to these points."""
     piece = np.array([partition.find_piece(x) for x in points], np.int64)
     occupied, piece_of_point = np.unique(piece, return_inverse=True)
     lower, upper = partition.lower[occupied], partition.upper[occupied]
-    if math.isfinite(room):
-        values, margin = points[:, partition.variables], room * (upper - lower)
+    if math.isfinite(slack):
+        values, margin = points[:, partition.variables], slack * (upper - lower)
         low, high = np.full(lower.shape, np.inf), np.full(upper.shape, -np.inf)
         np.minimum.at(low, piece_of_point, values)
         np.maximum.at(high, piece_of_point, values)

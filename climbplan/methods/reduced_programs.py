@@ -72,9 +72,9 @@ class ReducedPrograms:
 
     def __post_init__(self) -> None:
         if self.solver not in MICP_SOLVERS:
-            known = ", ".join(MICP_SOLVERS)
+            solver_names = ", ".join(MICP_SOLVERS)
             raise UsageError(
-                f"reduced programs: no solver {self.solver!r}, expected one of {known}"
+                f"reduced programs: no solver {self.solver!r}, expected one of {solver_names}"
             )
         require(MICP_SOLVERS[self.solver])
 

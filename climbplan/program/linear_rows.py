@@ -96,12 +96,12 @@ class LinearRows:
         self.row(name, terms, -np.inf, value)
 
     def within(
-        self, name: str, terms: list[Term], most: float, opened: Iterable[Term], by: float
+        self, name: str, terms: list[Term], max_value: float, opened: Iterable[Term], by: float
     ) -> None:
         """Add |sum of terms| <= most + by * (sum of opened); opened terms deactivate the rows."""
         loose = [(column, by * coefficient) for column, coefficient in opened]
-        self.row(name, [*terms, *((c, -v) for c, v in loose)], -np.inf, most)
-        self.row(name, [*terms, *loose], -most, np.inf)
+        self.row(name, [*terms, *((c, -v) for c, v in loose)], -np.inf, max_value)
+        self.row(name, [*terms, *loose], -max_value, np.inf)
 
     def block(
         self,

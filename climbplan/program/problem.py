@@ -61,11 +61,11 @@ class Problem:
         if not self.program.variables:
             raise StatementError(f"problem {self.name!r}: its program states no variables")
         for role in ("sample", "features", "start", "check"):
-            given = vars(self)[role]
-            if given is not None and not callable(given):
+            value = vars(self)[role]
+            if value is not None and not callable(value):
                 raise StatementError(
                     f"problem {self.name!r}: `{role}` must be a function, "
-                    f"got {type(given).__name__}"
+                    f"got {type(value).__name__}"
                 )
         for block, cut in self.partitions.items():
             self._check_partition(block, cut)
@@ -205,8 +205,12 @@ class Problem:
         where = f"problem {self.name!r}: partition of {block!r}"
         variable = self.program.variables.get(block)
         if variable is None or variable.integer:
-            known = ", ".join(n for n, v in self.program.variables.items() if not v.integer)
-            raise StatementError(f"{where}: no such continuous variable, there are {known}")
+            continuous_names = ", ".join(
+                n for n, v in self.program.variables.items() if not v.integer
+            )
+            raise StatementError(
+                f"{where}: no such continuous variable, there are {continuous_names}"
+            )
         if isinstance(cut, int):
             if isinstance(cut, bool) or cut < 1:
                 raise StatementError(f"{where}: at least one piece expected, got {cut!r}")

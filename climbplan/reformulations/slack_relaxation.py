@@ -30,14 +30,16 @@ class SlackForm(Reformulated):
 
     slacks: tuple[IntArray, ...]  # columns of each choice's slacks; empty for one alternative
 
-    def reweight(self, x: Array, near: float) -> SlackForm:
+    def reweight(self, x: Array, weight_offset: float) -> SlackForm:
         """Return the form with weights 1 / (alpha + near) at the slacks of x (n',).
 
         `near` is the slack, in the unit of the rows, below which weights are equal (Candes, Wakin
         and Boyd, Enhancing Sparsity by Reweighted l1 Minimization, 2008).
         """
         slacks = np.maximum(x[self.original_size :], 0.0)
-        cost = np.concatenate([np.zeros(self.original_size), near / (slacks + near)])
+        cost = np.concatenate(
+            [np.zeros(self.original_size), weight_offset / (slacks + weight_offset)]
+        )
         return replace(self, instance=replace(self.instance, q=cost))
 
     def split_slacks(self, x: Array) -> list[Array]:

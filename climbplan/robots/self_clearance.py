@@ -62,12 +62,12 @@ def _find_hip_links(robot: Robot) -> IntArray:
     return np.asarray(hip, np.int64)
 
 
-def find_always_touching(robot: Robot, parts: Sequence[Array]) -> IntArray:
+def find_always_touching(robot: Robot, body_parts: Sequence[Array]) -> IntArray:
     """Return pairs (T, 4) that touch in most postures within joint bounds.
 
     Args:
         robot: The robot.
-        parts: Corners (V, 3) of convex parts of the body [m].
+        body_parts: Corners (V, 3) of convex parts of the body [m].
     """
     fraction = np.random.default_rng(0).random((_NUM_SAMPLES, robot.limb_count, robot.joint_count))
     low, high = np.clip(robot.joint_lower, -np.pi, np.pi), np.clip(robot.joint_upper, -np.pi, np.pi)
@@ -81,7 +81,7 @@ def find_always_touching(robot: Robot, parts: Sequence[Array]) -> IntArray:
     )
     points = starts + fractions * (ends - starts)  # (D, B, S, 3)
     distances = np.full(points.shape[:2], np.inf)
-    for corners in parts:
+    for corners in body_parts:
         faces = ConvexHull(corners).equations
         distance = (points @ faces[:, :3].T + faces[:, 3]).max(axis=-1).min(axis=-1)
         distances = np.minimum(distances, distance)

@@ -79,7 +79,8 @@ class SymbolicPose:
     def arms(self) -> list[Any]:
         """Toe velocity by each joint's own speed, J entries of (3, N)."""
         arms = [
-            ca.cross(axis, self.toe - at) for at, axis in zip(self.joints, self.axes, strict=True)
+            ca.cross(axis, self.toe - joint_point)
+            for joint_point, axis in zip(self.joints, self.axes, strict=True)
         ]
         if not self.slides:
             return arms

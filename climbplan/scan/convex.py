@@ -156,9 +156,9 @@ def _select_largest_part(
         if best is not None and bounds[k] * (1 + 1e-9) < max_area:
             break
         cut = shapely.intersection(polygon, shapely.polygons(quads[k]))
-        for part in shapely.get_parts(cut):
-            if part.geom_type == "Polygon" and part.area > max_area:
-                best, max_area = part, part.area
+        for polygon_part in shapely.get_parts(cut):
+            if polygon_part.geom_type == "Polygon" and polygon_part.area > max_area:
+                best, max_area = polygon_part, polygon_part.area
     return best
 
 

@@ -161,9 +161,9 @@ def _rename(document: Document, path: KeyPath, new: str) -> None:
     holder.clear()
     holder.update(entries)  # in their old order
 
-    def moved(place: KeyPath) -> KeyPath:
+    def rename_place(place: KeyPath) -> KeyPath:
         return (*renamed, *place[len(path) :]) if place[: len(path)] == path else place
 
-    document.lines = {moved(place): line for place, line in document.lines.items()}
-    document.options = {moved(place): option for place, option in document.options.items()}
+    document.lines = {rename_place(place): line for place, line in document.lines.items()}
+    document.options = {rename_place(place): option for place, option in document.options.items()}
     document.renamed.append((format_key_path(path), renamed))

@@ -64,11 +64,11 @@ def create_kernel(declare: Callable[[], Any]) -> Kernel:
     def evaluate(typing: Any, inputs: Any, outputs: Any) -> Any:
         _check_signature(declared(), inputs, outputs)
 
-        def lowered(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        def lower_function(context: Any, builder: Any, signature: Any, args: Any) -> Any:
             _Lowering(context, builder, declared()).write(signature.args, args)
             return context.get_dummy_value()
 
-        return types.void(inputs, outputs), lowered
+        return types.void(inputs, outputs), lower_function
 
     compiled_kernel: Kernel = intrinsic(evaluate)
     return compiled_kernel

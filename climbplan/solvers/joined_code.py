@@ -89,8 +89,8 @@ def _create_pipeline(lowering: type[Any]) -> type[Any]:
         def define_pipelines(self) -> list[Any]:
             passes = compiler.DefaultPassBuilder.define_nopython_pipeline(self.state)
             passes.passes = [
-                (lowering if p is typed_passes.NativeLowering else p, word)
-                for p, word in passes.passes
+                (lowering if p is typed_passes.NativeLowering else p, pass_name)
+                for p, pass_name in passes.passes
             ]
             passes.finalize()
             return [passes]

@@ -17,8 +17,8 @@ def compute_digest(value: object) -> bytes:
     Raises TypeError for anything else: a value that is skipped could differ unnoticed.
     """
     digest = hashlib.blake2b(digest_size=32)
-    for part in _encode(value):
-        digest.update(part)
+    for chunk in _encode(value):
+        digest.update(chunk)
     return digest.digest()
 
 

@@ -40,10 +40,10 @@ class Amount:
 
 def compute_statistics(data: Dataset) -> dict[str, Any]:
     """Return plain values, NaN where nothing is known."""
-    drawn = data.drawn
+    drawn_rows = data.drawn
     cost = data.objective[data.feasible]
     strategies = Counter(tuple(row) for row in data.integers[data.feasible].tolist())
-    hashes = [text for text, is_drawn in zip(data.hashes(), drawn, strict=True) if is_drawn]
+    hashes = [text for text, is_drawn in zip(data.hashes(), drawn_rows, strict=True) if is_drawn]
     reasons = Counter(
         text or status
         for text, status, good in zip(data.message, data.status, data.feasible, strict=True)
@@ -55,7 +55,7 @@ def compute_statistics(data: Dataset) -> dict[str, Any]:
             "count": data.count,
             "answered": int(data.feasible.sum()),
             "share": float(data.feasible.mean()) if data.count else math.nan,
-            "not_drawn": int((~drawn).sum()),
+            "not_drawn": int((~drawn_rows).sum()),
             "same_problem_again": len(hashes) - len(set(hashes)),
             "train": None if data.train is None else int(data.train.sum()),
             "test": None if data.test is None else int(data.test.sum()),

@@ -193,5 +193,5 @@ def _build_check(
     name: str, residual: float, limit: float, unit: str = "", place: str = ""
 ) -> Check:
     passed = bool(residual <= limit)
-    used = residual / limit if limit else 0.0
-    return Check(name, residual, limit, unit, passed, "", place, used)
+    used_fraction = residual / limit if limit else 0.0
+    return Check(name, residual, limit, unit, passed, "", place, used_fraction)

@@ -63,8 +63,8 @@ def check_gripper_clearance(subject: Subject, gripper: Gripper, holds: Holds) ->
             )
 
     def describe_place(k: int, column: int) -> str:
-        one, other = pairs[column]
-        return f"{subject.describe_instant(k)}, {names[one]} and {names[other]}"
+        first, second = pairs[column]
+        return f"{subject.describe_instant(k)}, {names[first]} and {names[second]}"
 
     min_clearance = float(clearance.min())
     qualifier = "at least " if min_clearance >= _REPORTED_CLEARANCE else ""

@@ -68,14 +68,14 @@ def compute_self_shortfall(
         return SelfShortfall(-np.inf, 0, 0, 0, -1, 0)
     is_known = np.where(np.isnan(distance), np.inf, distance)
     pose, pair = (int(i) for i in np.unravel_index(int(np.argmin(is_known)), is_known.shape))
-    limb, is_body_pair, other, behind = (int(i) for i in np.concatenate([body, limbs])[pair])
+    limb, is_body_pair, other_limb, behind = (int(i) for i in np.concatenate([body, limbs])[pair])
     return SelfShortfall(
         -float(is_known[pose, pair]),
         pose,
         limb,
         int(links.link[limb, is_body_pair]),
-        other,
-        int(links.link[other, behind]) if other >= 0 else 0,
+        other_limb,
+        int(links.link[other_limb, behind]) if other_limb >= 0 else 0,
     )
 
 

@@ -49,10 +49,10 @@ def build_labeller(
         return lambda sets, rows: [label_rows(prepared, terrains.known, e, rows) for e in sets]
 
     def labels(sets: Sequence[EnvelopeSet], rows: IntArray) -> list[BoolArray]:
-        parts = np.array_split(np.arange(len(sets)), min(jobs, len(sets)))
+        chunks = np.array_split(np.arange(len(sets)), min(jobs, len(sets)))
         from joblib import Parallel, delayed
 
-        work = (delayed(_label_share)(terrains, [sets[k] for k in chunk], rows) for chunk in parts)
+        work = (delayed(_label_share)(terrains, [sets[k] for k in chunk], rows) for chunk in chunks)
         return [mask for masks in Parallel(n_jobs=jobs)(work) for mask in masks]
 
     return labels

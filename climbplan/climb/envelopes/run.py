@@ -165,13 +165,13 @@ def _collect_rows(
         path = loaded.directory / data.dataset
         return read_labelled_rows(read_dataset_file(path), path, terrains)
 
-    def draw(stage: str, own: int, feasible: int, infeasible: int) -> TerrainDataset:
+    def draw(stage: str, seed_offset: int, feasible: int, infeasible: int) -> TerrainDataset:
         return collect_rows(
             terrains,
             statement,
             feasible,
             infeasible,
-            2 * seed + own,  # held-out terrains share none with the training
+            2 * seed + seed_offset,  # held-out terrains share none with the training
             lambda share: report(stage, share),
         )
 

@@ -88,9 +88,9 @@ def _check_file(data: Dataset) -> Iterator[Check]:
     if data.train is not None and data.test is not None:
         shared = np.isin(hashes[data.train], hashes[data.test])
         yield _check_count("split.shared", int(shared.sum()))
-    drawn = data.drawn
-    pairs = {(int(s), h) for s, h in zip(data.seed[drawn], hashes[drawn], strict=True)}
-    seeds = {int(s) for s in data.seed[drawn]}
+    is_drawn = data.drawn
+    pairs = {(int(s), h) for s, h in zip(data.seed[is_drawn], hashes[is_drawn], strict=True)}
+    seeds = {int(s) for s in data.seed[is_drawn]}
     yield _check_count("rows.seeds", len(pairs) - len(seeds))
     over = (data.bound - data.objective) / np.maximum(1.0, np.abs(data.objective))
     yield _check_worst("rows.bound", np.where(data.feasible, over, 0.0), _RELATIVE, "relative")
@@ -194,7 +194,9 @@ def _check_walks(data: Dataset, path: Path) -> Iterator[Check]:
 def _check_terrains(data: Dataset, path: Path) -> Iterator[Check]:
     statement = terrains.build_statement(data.frame, path)
     feasible = np.flatnonzero(data.feasible)
-    infeasible = np.array([k for k, word in enumerate(data.status) if word == "infeasible"], int)
+    infeasible = np.array(
+        [k for k, row_status in enumerate(data.status) if row_status == "infeasible"], int
+    )
     residual, linear = np.zeros(len(feasible)), np.zeros(len(infeasible))
     proved = 0
     for k, row in enumerate(feasible):

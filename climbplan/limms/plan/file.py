@@ -61,9 +61,9 @@ CONVERGENCE: dict[str, DatasetLayout] = {
     "attempt": DatasetLayout(("I",), kind="int"),
     "frozen": DatasetLayout(("I",), kind="int"),
     **{
-        f"{name}_{part}": DatasetLayout(("I",), unit)
+        f"{name}_{statistic}": DatasetLayout(("I",), unit)
         for name, unit in RESIDUALS.items()
-        for part in ("mean", "max")
+        for statistic in ("mean", "max")
     },
     "missed": DatasetLayout(("I",), "m"),
     "violation": DatasetLayout(("I",), "m"),

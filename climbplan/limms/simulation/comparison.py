@@ -44,7 +44,9 @@ def compare_modules(run: ModuleRun) -> ModuleComparison:
     return ModuleComparison(
         box_error=np.linalg.norm(run.box - run.planned_box, axis=-1).max(axis=1),
         torque_error=np.abs(run.torque - run.planned_torque),
-        contacts=tuple(_compare_bearings(name, parts) for name, parts in by_name.items()),
+        contacts=tuple(
+            _compare_bearings(name, latch_bearings) for name, latch_bearings in by_name.items()
+        ),
         force_error=np.concatenate(latches) if latches else np.zeros(0),
     )
 

@@ -69,8 +69,8 @@ class ModulesEnd(SimulationEnd):
         if self.fall_time is not None:
             return f"box lost at {self.fall_time:.2f} s"
         count = self.lost_contacts
-        told = f" with {count} contact{'s' * (count > 1)} that did not hold"
-        return "delivered" + (told if count else "")
+        lost_text = f" with {count} contact{'s' * (count > 1)} that did not hold"
+        return "delivered" + (lost_text if count else "")
 
     def failure(self, max_slips: int | None) -> str:
         """Return why the simulated plan fails, "" if it does not; `max_slips` contacts may fail."""

@@ -101,14 +101,14 @@ class StateSpace:
         other_places = _other_places(box, state)
         if (box, other_places) not in self._relaxed:
             placements = self._initial_placements()
-            for other, index in enumerate(state.place_indices):
-                if other != box:
-                    placements[other] = self.compute_placement(other, index)
+            for other_box, index in enumerate(state.place_indices):
+                if other_box != box:
+                    placements[other_box] = self.compute_placement(other_box, index)
             scene, places = self._build_scene(box, placements), self.boxes[box].places
             occupied = [
-                (other, placements[other])
-                for other in range(len(state.place_indices))
-                if other != box
+                (other_box, placements[other_box])
+                for other_box in range(len(state.place_indices))
+                if other_box != box
             ]
             is_free = self._compute_gaps(box, places, occupied) >= CLEARANCE
             self._relaxed[box, other_places] = [
@@ -151,13 +151,13 @@ class StateSpace:
             min_gap = np.minimum(min_gap, gap)
         return min_gap
 
-    def overlaps_goal(self, box: int, index: int, other: int) -> bool:
+    def overlaps_goal(self, box: int, index: int, other_box: int) -> bool:
         """Return whether a box at one of its places overlaps the goal of another one."""
-        if (box, index, other) not in self._goal_overlaps:
-            goal = (other, self.compute_placement(other, GOAL))
+        if (box, index, other_box) not in self._goal_overlaps:
+            goal = (other_box, self.compute_placement(other_box, GOAL))
             gap = self._compute_gaps(box, self.compute_placement(box, index)[None], [goal])
-            self._goal_overlaps[box, index, other] = bool(gap[0] < -1e-6)
-        return self._goal_overlaps[box, index, other]
+            self._goal_overlaps[box, index, other_box] = bool(gap[0] < -1e-6)
+        return self._goal_overlaps[box, index, other_box]
 
     def compute_latch_effect(self, state: TaskState, action: Action) -> LatchEffect | None:
         """Return the latches after an action, or None where it lacks modules.

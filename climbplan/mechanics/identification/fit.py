@@ -170,9 +170,9 @@ def fit_stiffness(
         _build_estimate(1 / compliance[j], [1 / np.exp(d[j]) for d in draws])
         for j in range(problem.joints)
     ]
-    share = None
+    structural_share = None
     if model.structure or model.by_gain:
-        share = _build_estimate(
+        structural_share = _build_estimate(
             _compute_structural_share(problem, x),
             [_compute_structural_share(problem, _append_places(d, x)) for d in draws],
         )
@@ -180,7 +180,7 @@ def fit_stiffness(
         model=model,
         matrices=tuple(usable),
         joint_stiffness=tuple(stiffness),
-        share=share,
+        share=structural_share,
         predicted=predicted,
         angles=problem.compute_angles(place),
         misfit=misfit,

@@ -56,11 +56,11 @@ def restrict_to_own_origins(listened: str) -> Iterator[None]:
     """Have servers that viser starts in the block refuse connections from pages of others."""
     serve = sockets.serve
 
-    def guarded(*arguments: Any, **options: Any) -> Any:
+    def serve_guarded(*arguments: Any, **options: Any) -> Any:
         options["process_request"] = _build_guard(options.get("process_request"), listened)
         return serve(*arguments, **options)
 
-    sockets.serve = guarded  # type: ignore[assignment, misc]  # viser has no option for it
+    sockets.serve = serve_guarded  # type: ignore[assignment, misc]  # viser has no option for it
     try:
         yield
     finally:
@@ -72,8 +72,8 @@ def _build_guard(process: Callable[..., Any] | None, listened: str) -> Callable[
         headers = request.headers
         is_socket = "websocket" in (headers.get("Upgrade") or "").lower()
         if is_socket and not is_own_origin(headers.get("Origin"), headers.get("Host"), listened):
-            words = "the viewer accepts connections from its own page only\n"
-            return connection.respond(http.HTTPStatus.FORBIDDEN, words)
+            refusal = "the viewer accepts connections from its own page only\n"
+            return connection.respond(http.HTTPStatus.FORBIDDEN, refusal)
         return None if process is None else process(connection, request)
 
     return guarded

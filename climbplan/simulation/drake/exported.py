@@ -99,8 +99,8 @@ def read_motion(directory: Path) -> ExportedMotion:
         return np.stack([columns[name] for name in names], axis=1)
 
     def vectors(names: list[str], unit: str) -> Array:
-        parts = [[columns[f"{n}_{axis}_{unit}"] for axis in "xyz"] for n in names]
-        return np.moveaxis(np.array(parts), -1, 0)
+        component_columns = [[columns[f"{n}_{axis}_{unit}"] for axis in "xyz"] for n in names]
+        return np.moveaxis(np.array(component_columns), -1, 0)
 
     limbs = [c.name for c in contacts]
     quaternion = [columns[f"base_{component}"] for component in ("qx", "qy", "qz", "qw")]

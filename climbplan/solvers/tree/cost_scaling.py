@@ -54,7 +54,7 @@ class _ScaledComponent:
 
 
 def scale_cost(
-    instance: Instance, parts: Components, equal: Equations, box: Callable[[], VariableBox]
+    instance: Instance, components: Components, equal: Equations, box: Callable[[], VariableBox]
 ) -> ScaledCost:
     """Eliminate equations and scale the cost.
 
@@ -62,9 +62,11 @@ def scale_cost(
     """
     P, E = instance.P.toarray(), equal.E.toarray()
     top = float(np.abs(P).max(initial=0.0)) or 1.0
-    equation_part = parts.locate_rows(equal.E)
-    order = np.argsort(parts.variable, kind="stable")
-    members = np.split(order, np.cumsum(np.bincount(parts.variable, minlength=parts.count))[:-1])
+    equation_part = components.locate_rows(equal.E)
+    order = np.argsort(components.variable, kind="stable")
+    members = np.split(
+        order, np.cumsum(np.bincount(components.variable, minlength=components.count))[:-1]
+    )
     # Equations without variables only have to be true.
     consistent = not (np.abs(equal.e[~E.any(axis=1)]) > FEASIBILITY).any()
     blocks: list[_ScaledComponent] = []

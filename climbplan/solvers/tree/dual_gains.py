@@ -47,8 +47,8 @@ class DualSteps:
             step = np.minimum(v / np.maximum(self.far, _SMALL), self.step[side])
             far = step * v - 0.5 * step**2 * self.far
             v = np.maximum(violation - self.near_drag[side], 0.0)
-            near = 0.5 * v**2 / np.maximum(self.near, _SMALL)
-            best = np.maximum(best, np.maximum(far, near).max(axis=-1, initial=0.0))
+            curved_step = 0.5 * v**2 / np.maximum(self.near, _SMALL)
+            best = np.maximum(best, np.maximum(far, curved_step).max(axis=-1, initial=0.0))
         return best
 
 
@@ -66,9 +66,9 @@ def compute_dual_steps(
         cost: Scaled cost.
     """
     no_drag = np.zeros((2, len(rows)))
-    near, near_drag = _split_curved(rows, z, cost)
+    curved, near_drag = _split_curved(rows, z, cost)
     if not len(active):
-        return DualSteps(near, near, no_drag, near_drag, near_drag)
+        return DualSteps(curved, curved, no_drag, near_drag, near_drag)
     gram = active @ active.T
     gram[np.diag_indices(len(gram))] *= 1.0 + _RIDGE
     r = np.linalg.solve(gram, active @ rows.T)  # (a, P)
@@ -76,7 +76,7 @@ def compute_dual_steps(
     # At the upper bound the multipliers become l - t r: they keep their sign while t r / l <= 1.
     relative_change = np.where(fixed[:, None], 0.0, r / multiplier[:, None])
     step = np.stack([relative_change.max(axis=0), (-relative_change).max(axis=0)])
-    return DualSteps(near, far, 1.0 / np.maximum(step, 1e-300), near_drag, far_drag)
+    return DualSteps(curved, far, 1.0 / np.maximum(step, 1e-300), near_drag, far_drag)
 
 
 def _split_curved(rows: Array, z: Array, cost: ScaledCost) -> tuple[Array, Array]:

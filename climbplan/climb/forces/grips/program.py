@@ -86,7 +86,7 @@ def build_grip_instant(statement: GripStatement, k: int) -> GripInstant:
         grip[row, row] = to_wrench[row, 6]
     size = n * LIMB_SIZE
     axes = contact_frame(statement.cones.normal[k, limb]).axes
-    room = np.stack([statement.margin_below[k, limb], statement.margin_above[k, limb]], axis=-1)
+    margins = np.stack([statement.margin_below[k, limb], statement.margin_above[k, limb]], axis=-1)
     return GripInstant(
         limb=limb,
         wrench_maps=to_wrench,
@@ -105,7 +105,7 @@ def build_grip_instant(statement: GripStatement, k: int) -> GripInstant:
         ),
         max_s=statement.max_s,
         deflection_per_force=bending.reshape(3 * n, size) * unit,
-        command_margin=room.reshape(3 * n, 2),
+        command_margin=margins.reshape(3 * n, 2),
     )
 
 

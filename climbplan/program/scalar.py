@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 _FUNCTIONS = (
     *("sin", "cos", "tan", "arcsin", "arccos", "arctan", "sinh", "cosh", "tanh"),
     *("arcsinh", "arccosh", "arctanh", "exp", "expm1", "log", "log1p", "log10", "sqrt"),
-    *("fabs", "sign", "erf", "__abs__", "__neg__", "__pos__"),
+    *("fabs", "sign", "erf", "__neg__", "__pos__"),
 )
 _OPERATORS = (
     ("add", ca.plus, np.add),
@@ -143,3 +143,4 @@ for _name, _own, _ufunc in _OPERATORS:
 setattr(Scalar, "arctan2", _create_operator(ca.atan2, np.arctan2, swapped=False))  # noqa: B010
 for _name in _FUNCTIONS:
     setattr(Scalar, _name, _create_function(_name))
+setattr(Scalar, "__abs__", _create_function("fabs"))  # noqa: B010  # CasADi has it from 3.8 on

@@ -152,8 +152,10 @@ def _format_lines(facts: RobotFacts, notes: tuple[str, ...]) -> list[str]:
     body = np.ptp(robot_model.body_hull, axis=0)
     joints = int(has_joint.sum())
     lines = [
-        f"{robot_model.name}: {robot_model.mass:.4g} kg, {robot_model.limb_count} limbs, "
-        f"{joints} joints",
+        (
+            f"{robot_model.name}: {robot_model.mass:.4g} kg, {robot_model.limb_count} limbs, "
+            f"{joints} joints"
+        ),
         f"body      {' x '.join(f'{side:.3f}' for side in body)} m",
         f"stance    body {facts.standing_height:.3f} m above its toes"
         + (f", which differ by {facts.uneven:.3f} m in height" if facts.uneven > 1e-3 else ""),

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def verify_program_file(
-    path: Path, name: str | None, as_json: bool, session: Invocation, held: HeldSpec | None
+    path: Path, name: str | None, as_json: bool, session: Invocation, other_spec: HeldSpec | None
 ) -> bool:
     """Check a certificate, dataset or plan of a stated program; False for files of other kinds.
 
@@ -28,13 +28,13 @@ def verify_program_file(
             certificate.
     """
     if is_certificate(path):
-        if held is not None:
+        if other_spec is not None:
             raise UsageError("--spec: a certificate is of its own spec's numbers")
         verify_certificate_file(path, name, as_json, session)
     elif is_program_dataset(path):
         verify_program_dataset(path, name, as_json, session)
     elif is_program_plan(path):
-        verify_program_plan(path, name, as_json, session, held)
+        verify_program_plan(path, name, as_json, session, other_spec)
     else:
         return False
     return True
@@ -49,11 +49,15 @@ def is_program_plan(path: Path) -> bool:
 
 
 def verify_program_plan(
-    path: Path, name: str | None, as_json: bool, session: Invocation, held: HeldSpec | None = None
+    path: Path,
+    name: str | None,
+    as_json: bool,
+    session: Invocation,
+    other_spec: HeldSpec | None = None,
 ) -> None:
     """Check a `climbplan/program` file, its blocks by the statement that `name` stands for.
 
-    held: a spec that the answers are held against in place of their own.
+    other_spec: a spec that the answers are held against in place of their own.
 
     Raises:
         UsageError: without a statement, after what the file alone allows was checked and printed.
@@ -63,10 +67,10 @@ def verify_program_plan(
 
     plan = read_program(path)
     if name is None:
-        verification = verify_file(plan, held)
+        verification = verify_file(plan, other_spec)
     else:
         with run_user_code(session):
-            verification = verify_program(plan, load_problem(name), held)
+            verification = verify_program(plan, load_problem(name), other_spec)
     tell(verification, as_json)
     if name is None:
         raise UsageError(

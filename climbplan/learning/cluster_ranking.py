@@ -36,7 +36,7 @@ class ClusterRanking:
         probability = self.scorer.probabilities(query)
         return np.argsort(-probability, kind="stable")[:max_clusters]
 
-    def candidates(self, features: Array, most: int) -> list[Candidate]:
+    def candidates(self, features: Array, max_count: int) -> list[Candidate]:
         """Return the strategies of the likeliest clusters, nearest first, without programs."""
         candidates: list[Candidate] = []
         strategies: set[int] = set()
@@ -48,7 +48,7 @@ class ClusterRanking:
                     candidates.append(
                         build_candidate(self.library, int(row), float(len(candidates)))
                     )
-                if len(candidates) >= most:
+                if len(candidates) >= max_count:
                     return candidates
         return candidates
 

@@ -55,7 +55,7 @@ class NearestProblems:
             raise UsageError("nearest neighbours need a library with at least one solved problem")
         return cls(library, _compute_scale(library.features), order)
 
-    def candidates(self, features: Array, most: int) -> list[Candidate]:
+    def candidates(self, features: Array, max_count: int) -> list[Candidate]:
         """Return candidates, nearest first."""
         query = check_features(features, self.library)
         difference = (self.library.features - query) / self.scale
@@ -63,12 +63,13 @@ class NearestProblems:
         by_distance: IntArray = np.argsort(distance, kind="stable")
         if self.order != "points":
             _, first = np.unique(self.library.strategy[by_distance], return_index=True)
-            leading = np.sort(first)[:most]
-            further = np.setdiff1d(np.arange(min(len(by_distance), 2 * most)), leading)
+            leading = np.sort(first)[:max_count]
+            further = np.setdiff1d(np.arange(min(len(by_distance), 2 * max_count)), leading)
             selected = leading if self.order == "strategies" else np.concatenate([leading, further])
             by_distance = by_distance[selected]
         return [
-            build_candidate(self.library, int(s), float(distance[s])) for s in by_distance[:most]
+            build_candidate(self.library, int(s), float(distance[s]))
+            for s in by_distance[:max_count]
         ]
 
 
@@ -93,13 +94,13 @@ class NearestCentroids:
         np.add.at(total, library.strategy, library.features)
         return cls(library, total / count[:, None])
 
-    def candidates(self, features: Array, most: int) -> list[Candidate]:
+    def candidates(self, features: Array, max_count: int) -> list[Candidate]:
         """Return each strategy once, from its nearest problem's point."""
         query = check_features(features, self.library)
         distance = np.linalg.norm(self.centroid - query, axis=1)
         problem_distance = np.linalg.norm(self.library.features - query, axis=1)
         candidates = []
-        for u in np.argsort(distance, kind="stable")[:most]:
+        for u in np.argsort(distance, kind="stable")[:max_count]:
             row = int(np.argmin(np.where(self.library.strategy == u, problem_distance, np.inf)))
             candidates.append(build_candidate(self.library, row, float(distance[u])))
         return candidates

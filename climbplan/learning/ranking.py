@@ -28,7 +28,7 @@ class RankedStrategies:
     scorer: Scorer
     scale: Array  # (p,) of the features in distances
 
-    def candidates(self, features: Array, most: int) -> list[Candidate]:
+    def candidates(self, features: Array, max_count: int) -> list[Candidate]:
         """Return the most probable strategies, each from the point of its nearest problem."""
         query = check_features(features, self.library)
         difference = (self.library.features - query) / self.scale
@@ -37,7 +37,7 @@ class RankedStrategies:
         _, nearest = np.unique(self.library.strategy[by_distance], return_index=True)
         rows = by_distance[nearest]  # (U,) nearest problem of each strategy
         probability = self.scorer.probabilities(query)
-        order = np.lexsort((distance[rows], -probability))[:most]
+        order = np.lexsort((distance[rows], -probability))[:max_count]
         return [build_candidate(self.library, int(rows[u]), -float(probability[u])) for u in order]
 
 

@@ -24,7 +24,7 @@ class Candidate:
 class Strategy(Protocol):
     """Interface of nearest neighbours, forests, networks and clusters."""
 
-    def candidates(self, features: Array, most: int) -> list[Candidate]:
+    def candidates(self, features: Array, max_count: int) -> list[Candidate]:
         """Return at most `most` candidates for a problem with features (p,), best first."""
 
 

@@ -208,25 +208,25 @@ class StagedProgram(NamedRows):
             x[self.place(name)] = values[name]
         return x
 
-    def bounded(
+    def replace_row_bounds(
         self,
-        given: Mapping[str, tuple[ArrayLike, ArrayLike]],
-        held: Mapping[str, ArrayLike] | None = None,
+        bounds_by_name: Mapping[str, tuple[ArrayLike, ArrayLike]],
+        active_masks: Mapping[str, ArrayLike] | None = None,
     ) -> tuple[Array, Array]:
         """Return bounds of the rows (M,) each, with those of some blocks replaced.
 
         Args:
-            given: Bounds by block, each broadcast to (K, m) of its K times m rows.
-            held: Masks by block of active rows; the others are open.
+            bounds_by_name: Bounds by block, each broadcast to (K, m) of its K times m rows.
+            active_masks: Masks by block of active rows; the others are open.
 
         Raises:
             KeyError: A block is unknown.
         """
         lower, upper = self.row_bounds
-        for name, (low, high) in given.items():
+        for name, (low, high) in bounds_by_name.items():
             rows = self.block(name)
             lower[rows], upper[rows] = low, high
-        for name, mask in (held or {}).items():
+        for name, mask in (active_masks or {}).items():
             rows = self.block(name)
             loose = rows[~np.broadcast_to(np.asarray(mask, bool), rows.shape)]
             lower[loose], upper[loose] = -np.inf, np.inf

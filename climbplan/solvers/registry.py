@@ -33,7 +33,7 @@ class SolveWarmStarted(Protocol):
         gap: float = ...,
         time_limit: float = ...,
         *,
-        known: KnownResult | None = ...,
+        known_result: KnownResult | None = ...,
         nodes: float = ...,
     ) -> SolverResult:
         """Solve an instance to a relative gap within a time limit [s]."""
@@ -321,7 +321,7 @@ def solve(
     solver: str,
     gap: float = 1e-4,
     time_limit: float = np.inf,
-    known: KnownResult | None = None,
+    known_result: KnownResult | None = None,
     nodes: float = np.inf,
 ) -> SolverResult:
     """Solve an instance by the solver of a name.
@@ -331,7 +331,7 @@ def solve(
         solver: Name in the registry.
         gap: Relative gap to prove.
         time_limit: Time limit [s].
-        known: Result of a relaxed instance with the same choices, for solvers that can use it.
+        known_result: Result of a relaxed instance with the same choices, if a solver can use it.
         nodes: Largest number of nodes of the built-in tree; other solvers have the time limit only.
 
     Raises:
@@ -347,5 +347,7 @@ def solve(
             + " or ".join(n for n, b in BACKENDS.items() if instance.features <= b.accepts)
         )
     if backend.load_knowing is not None:
-        return backend.load_knowing()(instance, gap, time_limit, known=known, nodes=nodes)
+        return backend.load_knowing()(
+            instance, gap, time_limit, known_result=known_result, nodes=nodes
+        )
     return backend.load()(instance, gap=gap, time_limit=time_limit)

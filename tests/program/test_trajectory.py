@@ -159,13 +159,13 @@ def test_variables_are_found_by_name() -> None:
 def test_bounds_of_blocks_are_given_by_name() -> None:
     swing = swung(3)
     assert swing.block("dynamics").tolist() == [[0, 1], [3, 4], [6, 7]]
-    lower, upper = swing.bounded(
+    lower, upper = swing.replace_row_bounds(
         {"slow": (-1.0, [[2.0], [3.0], [4.0]])}, {"dynamics": [[True, False]], "goal": [False]}
     )
     assert upper.tolist() == [0, np.inf, 2, 0, np.inf, 3, 0, np.inf, 4, np.inf]
     assert lower.tolist() == [0, -np.inf, -1] * 3 + [-np.inf]
     with pytest.raises(KeyError, match="swift"):
-        swing.bounded({}, {"swift": True})
+        swing.replace_row_bounds({}, {"swift": True})
     # The stated ones are as they were
     assert swing.row_bounds[1].tolist() == [0, 0, 4] * 3 + [np.inf]
 

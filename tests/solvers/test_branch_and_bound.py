@@ -274,14 +274,14 @@ def test_what_a_laxer_instance_has_told_starts_the_tree_and_changes_no_answer(se
     first = solve_branch_and_bound(lax, gap=1e-6)
     alone = solve_branch_and_bound(tight, gap=1e-6)
     known = KnownResult(first.assignment, first.bound)
-    helped = solve_branch_and_bound(tight, gap=1e-6, known=known)
+    helped = solve_branch_and_bound(tight, gap=1e-6, known_result=known)
     assert helped.status == alone.status
     assert helped.bound >= first.bound * (1 - 1e-9)
     if alone.objective is not None:
         assert helped.objective == pytest.approx(alone.objective, rel=3e-6)
         enough = relative_gap(alone.objective, first.bound) + 1e-3
         rough = solve_branch_and_bound(
-            tight, gap=enough, known=KnownResult(alone.assignment, first.bound)
+            tight, gap=enough, known_result=KnownResult(alone.assignment, first.bound)
         )
         assert rough.nodes == 0  # its choices and the bound are all that is needed
         assert rough.status == "optimal"
@@ -291,7 +291,7 @@ def test_choices_that_do_not_fit_are_not_tried() -> None:
     instance = pillar(2.0)
     for wrong in (np.array([0, 0, 0]), np.array([7])):
         known = KnownResult(wrong, -np.inf)
-        assert solve_branch_and_bound(instance, known=known).status == "optimal"
+        assert solve_branch_and_bound(instance, known_result=known).status == "optimal"
 
 
 def test_a_budget_of_nodes_ends_the_search_with_what_it_has() -> None:

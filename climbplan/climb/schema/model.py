@@ -164,7 +164,7 @@ class PostureSteps(SpecModel):
     )
 
     @model_validator(mode="after")
-    def _ordered(self) -> Self:
+    def _check_order(self) -> Self:
         refuse(
             [
                 Fault(

@@ -208,7 +208,7 @@ def _build_row_bounds(
     in_front = np.where(_find_bounding_surfaces(scene)[surfaces.ravel()], -_IN_FRONT, -np.inf)
     joints = build_joint_row_bounds(scene.robot, _JOINT_ROOM, POINTS)
     rows = {"transition.joints": joints} if "transition.joints" in formulation.sizes() else {}
-    return formulation.bounded(
+    return formulation.replace_row_bounds(
         {
             **rows,
             "contact.distance": (in_front, np.inf),

@@ -359,4 +359,4 @@ def _build_row_bounds(
         "steps.rotation": is_checked,
         "body.clearance": is_free,
     }
-    return formulation.bounded(row_bounds, holds)
+    return formulation.replace_row_bounds(row_bounds, holds)

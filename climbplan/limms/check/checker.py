@@ -26,12 +26,12 @@ from climbplan.verification.check import Check
 from climbplan.verification.held import check_spec_differences
 
 
-def check_plan(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check]:
+def check_plan(plan: LimmsPlan, other_spec: HeldSpec | None = None) -> Iterator[Check]:
     """Yield all checks; with invalid text or numbers only those, since the others are meaningless.
 
     Args:
         plan: The plan.
-        held: A spec to compare the plan with, in place of its own.
+        other_spec: A spec to compare the plan with, in place of its own.
     """
     is_same = hashlib.sha256(plan.spec_text.encode()).hexdigest() == plan.spec_sha256
     yield judge("file.spec_hash", 0.0 if is_same else 1.0)
@@ -44,11 +44,13 @@ def check_plan(plan: LimmsPlan, held: HeldSpec | None = None) -> Iterator[Check]
     yield data
     if not data.passed or module is None:
         return
-    if held is None:
+    if other_spec is None:
         yield from check_spec(plan)
     else:
-        yield check_spec_differences(held)
-        yield from check_spec(replace(plan, spec_text=held.text, module_text=held.module_text))
+        yield check_spec_differences(other_spec)
+        yield from check_spec(
+            replace(plan, spec_text=other_spec.text, module_text=other_spec.module_text)
+        )
     yield from _check_samples(plan)
     yield from _check_logic(plan)
     yield _check_points(plan, module)

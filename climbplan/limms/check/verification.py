@@ -18,25 +18,25 @@ from climbplan.verification.held import describe_reference
 from climbplan.verification.verification import Verification, mark_verified
 
 
-def verify(path: Path, held: HeldSpec | None = None) -> Verification:
+def verify(path: Path, other_spec: HeldSpec | None = None) -> Verification:
     """Verify all claims of the plan in a file.
 
     Args:
         path: The plan file.
-        held: A spec to compare the plan with, in place of its own.
+        other_spec: A spec to compare the plan with, in place of its own.
 
     Raises:
         PlanFileError: The file is not a complete LIMMS plan.
     """
-    return verify_plan(read_unchecked_plan(path), held)
+    return verify_plan(read_unchecked_plan(path), other_spec)
 
 
-def verify_plan(plan: LimmsPlan, held: HeldSpec | None = None) -> Verification:
+def verify_plan(plan: LimmsPlan, other_spec: HeldSpec | None = None) -> Verification:
     """Verify a plan that was read already."""
     # Invalid numbers become infinite or NaN and fail their check without a warning
     with np.errstate(all="ignore"):
-        checks = tuple(check_plan(plan, held))
-        verification = Verification(checks, against=describe_reference(plan, held))
+        checks = tuple(check_plan(plan, other_spec))
+        verification = Verification(checks, against=describe_reference(plan, other_spec))
         return (
             verification
             if verification.unsound

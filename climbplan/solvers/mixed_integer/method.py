@@ -40,7 +40,7 @@ def solve_mixed_integer(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
-    known: KnownResult | None = None,
+    known_result: KnownResult | None = None,
     nodes: int = UNLIMITED,
     proposals: Sequence[Proposal] = (),
 ) -> SolverResult:
@@ -53,7 +53,7 @@ def solve_mixed_integer(
         gap: Relative gap to prove.
         time_limit: Time limit [s].
         tolerance: Largest violation of any constraint.
-        known: Bound that is known already.
+        known_result: Bound that is known already.
         nodes: Largest number of nodes.
         proposals: Integers to try first.
 
@@ -61,7 +61,7 @@ def solve_mixed_integer(
         UsageError: A direction without cost is not bounded.
     """
     return WarmStartedTree(gap, tolerance).solve(
-        instance, time_limit, known=known, nodes=nodes, proposals=proposals
+        instance, time_limit, known_result=known_result, nodes=nodes, proposals=proposals
     )
 
 
@@ -75,7 +75,7 @@ class WarmStartedTree(WarmStartedSolver):
         instance: Instance,
         time_limit: float = np.inf,
         move: Callable[[IndicatorForm], HorizonShift] | None = None,
-        known: KnownResult | None = None,
+        known_result: KnownResult | None = None,
         nodes: int = UNLIMITED,
         proposals: Sequence[Proposal] = (),
     ) -> SolverResult:
@@ -87,7 +87,7 @@ class WarmStartedTree(WarmStartedSolver):
             instance: Instance without products and smooth rows.
             time_limit: Time limit [s].
             move: Function that returns the shift of the horizon since the last call.
-            known: Bound that is known already.
+            known_result: Bound that is known already.
             nodes: Largest number of nodes.
             proposals: Integers to try first.
         """
@@ -99,7 +99,7 @@ class WarmStartedTree(WarmStartedSolver):
         if program is None:
             if self.proves:
                 self.certificate = certify_without_search(instance, -np.inf)
-            unsolved = _answer_without_search(begin, known)
+            unsolved = _answer_without_search(begin, known_result)
             return judge_answer(instance, unsolved, self.gap, self.tolerance)
         if isinstance(program, ProvedInfeasible):
             if self.proves:
@@ -129,7 +129,7 @@ class WarmStartedTree(WarmStartedSolver):
             tree = SearchedTree(instance, form, run.program, run.search, run.tree, no_factors)
             proof_limit = compute_proof_deadline(begin, deadline)
             self.certificate = certify_search(instance, tree, run.bound, proof_limit)
-        answer = build_answer(instance, form, run, begin, known)
+        answer = build_answer(instance, form, run, begin, known_result)
         return judge_answer(instance, answer, self.gap, self.tolerance)
 
 
@@ -138,14 +138,14 @@ def build_answer(
     form: IndicatorForm,
     run: TreeRun,
     begin: float,
-    known: KnownResult | None = None,
+    known_result: KnownResult | None = None,
 ) -> Answer:
     """Build the answer of a search."""
     x = run.recover_incumbent()
     counters = run.search.counters
     bound = run.bound
-    if known is not None:
-        bound = max(bound, known.bound)
+    if known_result is not None:
+        bound = max(bound, known_result.bound)
     num_undecided = int((run.program.data.root_high > run.program.data.root_low).sum())
     steps = run.search.main.iterations[0] + run.search.probe.iterations[0]
     log = [
@@ -172,11 +172,11 @@ def build_answer(
     )
 
 
-def _answer_without_search(begin: float, known: KnownResult | None) -> Answer:
+def _answer_without_search(begin: float, known_result: KnownResult | None) -> Answer:
     """Return the answer where the time limit came before the program was built."""
     return Answer(
         x=None,
-        bound=-np.inf if known is None else known.bound,
+        bound=-np.inf if known_result is None else known_result.bound,
         infeasible=False,
         nodes=0,
         time=time.perf_counter() - begin,

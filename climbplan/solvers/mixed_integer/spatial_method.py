@@ -61,7 +61,7 @@ def solve_spatial(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
-    known: KnownResult | None = None,
+    known_result: KnownResult | None = None,
     nodes: int = UNLIMITED,
     proposals: Sequence[Proposal] = (),
 ) -> SolverResult:
@@ -72,7 +72,7 @@ def solve_spatial(
         gap: Relative gap to prove.
         time_limit: Time limit [s].
         tolerance: Largest violation of any constraint.
-        known: Bound that is known already.
+        known_result: Bound that is known already.
         nodes: Largest number of nodes.
         proposals: Points and integers to try first.
 
@@ -80,7 +80,7 @@ def solve_spatial(
         UsageError: A factor of a product is not bounded.
     """
     return WarmStartedSpatialTree(gap, tolerance).solve(
-        instance, time_limit, known=known, nodes=nodes, proposals=proposals
+        instance, time_limit, known_result=known_result, nodes=nodes, proposals=proposals
     )
 
 
@@ -98,7 +98,7 @@ class WarmStartedSpatialTree(WarmStartedSolver):
         instance: Instance,
         time_limit: float = np.inf,
         move: Callable[[IndicatorForm], HorizonShift] | None = None,
-        known: KnownResult | None = None,
+        known_result: KnownResult | None = None,
         nodes: int = UNLIMITED,
         proposals: Sequence[Proposal] = (),
     ) -> SolverResult:
@@ -110,7 +110,7 @@ class WarmStartedSpatialTree(WarmStartedSolver):
             instance: Instance without smooth rows.
             time_limit: Time limit [s].
             move: Function that returns the shift of the horizon since the last call.
-            known: Bound that is known already.
+            known_result: Bound that is known already.
             nodes: Largest number of nodes.
             proposals: Points and integers to try first.
         """
@@ -133,7 +133,7 @@ class WarmStartedSpatialTree(WarmStartedSolver):
             self._certify_presolve(instance, -np.inf)
             reason = "the time limit came while the program was built"
             return _judge_unsearched(
-                instance, reason, begin, gap, tolerance, known, infeasible=False
+                instance, reason, begin, gap, tolerance, known_result, infeasible=False
             )
         incumbent = Incumbent(instance, tolerance)
         for proposal in proposals:
@@ -150,7 +150,7 @@ class WarmStartedSpatialTree(WarmStartedSolver):
                 instance, run, form, factors, incumbent, (begin, deadline), nodes
             )
             duration = time.perf_counter() - begin
-            bound = answer.bound if known is None else max(answer.bound, known.bound)
+            bound = answer.bound if known_result is None else max(answer.bound, known_result.bound)
             return judge_answer(
                 instance, replace(answer, time=duration, bound=bound), gap, tolerance
             )
@@ -168,7 +168,7 @@ class WarmStartedSpatialTree(WarmStartedSolver):
             point = form.encode_point(lifted, incumbent.assignment)
         self.warm_start.store(run, form, leaves, warm_started, point, self.work)
         return judge_answer(
-            instance, _build_answer(run, incumbent, factors, begin, known), gap, tolerance
+            instance, _build_answer(run, incumbent, factors, begin, known_result), gap, tolerance
         )
 
     def _solve_with_certificate(
@@ -237,7 +237,7 @@ def _build_answer(
     incumbent: Incumbent,
     factors: ProductFactors,
     begin: float,
-    known: KnownResult | None,
+    known_result: KnownResult | None,
 ) -> Answer:
     """Build the answer of a search."""
     counters, program = run.search.counters, run.program
@@ -261,7 +261,7 @@ def _build_answer(
     return Answer(
         x=incumbent.x,
         assignment=incumbent.assignment,
-        bound=run.bound if known is None else max(run.bound, known.bound),
+        bound=run.bound if known_result is None else max(run.bound, known_result.bound),
         infeasible=incumbent.x is None and run.proves_infeasible,
         nodes=int(counters[slots.NUM_PROCESSED]),
         time=time.perf_counter() - begin,
@@ -323,11 +323,11 @@ def _judge_unsearched(
     begin: float,
     gap: float,
     tolerance: float,
-    known: KnownResult | None = None,
+    known_result: KnownResult | None = None,
     infeasible: bool = True,
 ) -> SolverResult:
     """Return the result of a program that was not searched."""
-    bound = np.inf if infeasible else -np.inf if known is None else known.bound
+    bound = np.inf if infeasible else -np.inf if known_result is None else known_result.bound
     duration, log = time.perf_counter() - begin, (f"infeasible: {why}" if infeasible else why,)
     answer = Answer(None, bound, infeasible, 0, duration, NAME, log)
     return judge_answer(instance, answer, gap, tolerance)

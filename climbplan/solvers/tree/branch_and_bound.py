@@ -39,7 +39,7 @@ def solve_branch_and_bound(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
-    known: KnownResult | None = None,
+    known_result: KnownResult | None = None,
     nodes: float = np.inf,
     proposals: Sequence[Proposal] = (),
 ) -> SolverResult:
@@ -53,7 +53,7 @@ def solve_branch_and_bound(
         gap: Relative gap to prove.
         time_limit: Time limit [s].
         tolerance: Largest violation of any constraint.
-        known: Bound and choices of a relaxed instance that was solved before.
+        known_result: Bound and choices of a relaxed instance that was solved before.
         nodes: Largest number of nodes; where it ends the search, the answer is the same on every
             machine.
         proposals: Assignments to try first.
@@ -65,7 +65,7 @@ def solve_branch_and_bound(
 
         compiled = solve_spatial if instance.products.count else solve_mixed_integer
         max_nodes = int(nodes) if np.isfinite(nodes) else UNLIMITED
-        return compiled(instance, gap, time_limit, tolerance, known, max_nodes, proposals)
+        return compiled(instance, gap, time_limit, tolerance, known_result, max_nodes, proposals)
     begin = time.perf_counter()
     deadline = begin + time_limit
     try:
@@ -80,7 +80,7 @@ def solve_branch_and_bound(
     if form.size == 0:
         return _answer_single_point(instance, form.cost.center, gap, tolerance, begin)
     choices = [p.alternatives for p in proposals]
-    search = TreeSearch(instance, form, gap, deadline, tolerance, known, nodes, choices)
+    search = TreeSearch(instance, form, gap, deadline, tolerance, known_result, nodes, choices)
     search.run()
     incumbent = search.incumbents.best
     answer = Answer(

@@ -52,15 +52,17 @@ class TreeSearch:
         gap: float,
         deadline: float,
         tolerance: float,
-        known: KnownResult | None = None,
+        known_result: KnownResult | None = None,
         max_nodes: float = np.inf,
         proposals: Sequence[IntArray] = (),
     ) -> None:
         """Prepare the relaxation, the components and the incumbent store."""
         self.instance, self.form, self.gap, self.max_nodes = instance, form, gap, max_nodes
         self.deadline, self.tolerance = deadline, tolerance
-        self.known = known or KnownResult()
-        self.proposals = [] if self.known.assignment is None else [self.known.assignment]
+        self.known_result = known_result or KnownResult()
+        self.proposals = (
+            [] if self.known_result.assignment is None else [self.known_result.assignment]
+        )
         self.proposals += proposals
         self.relaxation = RelaxationSolver(form, self._is_late)
         self.components = build_component_problems(form, self.relaxation.pool)
@@ -102,7 +104,9 @@ class TreeSearch:
 
     def create_root(self) -> ChoiceNode:
         """Create the node that allows every alternative."""
-        return ChoiceNode(self.known.bound, self.form.root_masks, self.relaxation.start(), ())
+        return ChoiceNode(
+            self.known_result.bound, self.form.root_masks, self.relaxation.start(), ()
+        )
 
     def _is_allowed(self, assignment: IntArray) -> bool:
         """Return whether the root allows an assignment."""

@@ -43,12 +43,12 @@ def _generate_warnings(plan: WalkPlan) -> Iterator[str]:
         yield f"the body turns at {spin:.0f} rad/s"
 
 
-def verify(path: Path, held: HeldSpec | None = None) -> Verification:
+def verify(path: Path, other_spec: HeldSpec | None = None) -> Verification:
     """Recompute all statements of the plan in a file.
 
     Args:
         path: The plan file.
-        held: A spec that the plan has to satisfy instead of its own.
+        other_spec: A spec that the plan has to satisfy instead of its own.
 
     Raises:
         PlanFileError: the file is not a whole walking plan.
@@ -56,8 +56,8 @@ def verify(path: Path, held: HeldSpec | None = None) -> Verification:
     plan = read_unchecked_plan(path)
     # Absurd numbers become infinite or NaN, and fail their check without a warning.
     with np.errstate(all="ignore"):
-        checks = tuple(check_plan(plan, held))
-        verification = Verification(checks, against=describe_reference(plan, held))
+        checks = tuple(check_plan(plan, other_spec))
+        verification = Verification(checks, against=describe_reference(plan, other_spec))
         return (
             verification
             if verification.unsound

@@ -51,7 +51,7 @@ def problem_from_spec(
         overrides: values by dotted key, as with `--set`.
 
     Returns:
-        The problem, and the numbers of its parameter blocks by name.
+        The problem, and the values of its parameter blocks by name.
 
     Raises:
         SpecError: the spec has mistakes.

@@ -53,7 +53,7 @@ class CompiledProgram:
         return len(self.products)
 
     def instance(self, theta: Array) -> Instance:
-        """Return the numbers at theta."""
+        """Return the coefficients at theta."""
         blocks = self.blocks
         A, constants = self.rows.affine.at(theta)
         balls = []

@@ -1,4 +1,4 @@
-"""The numbers of a program at one parameter value, which solvers read."""
+"""The coefficients of a program at one parameter value, which solvers read."""
 
 from __future__ import annotations
 

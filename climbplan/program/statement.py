@@ -284,10 +284,10 @@ class Program:
         self._costs[name] = term
         self._compiled = None
 
-    # ---- numbers
+    # ---- instances
 
     def instantiate(self, theta: Mapping[str, ArrayLike] | None = None) -> Instance:
-        """Return the instance at parameter values; later calls only rebuild numbers."""
+        """Return the instance at parameter values; later calls only rebuild coefficients."""
         return self._compile().instance(self.theta(theta))
 
     at = RenamedAttribute("instantiate")

@@ -84,7 +84,7 @@ class SerialChain:
         return self.select_limbs(list(range(len(self.names)))[limbs])
 
     def select_limbs(self, limbs: Sequence[int]) -> Self:
-        """Return the limbs of these numbers, in this order."""
+        """Return the limbs of these indices, in this order."""
         limbs = list(limbs)
         return type(self)(
             tuple(self.names[limb] for limb in limbs),

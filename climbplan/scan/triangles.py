@@ -106,7 +106,7 @@ def clip_to_heights(corners: Array, low: float, high: float) -> tuple[Array, Int
 def cast_rays(
     places: Array, direction: Array, corners: Array, far: float
 ) -> tuple[Array, np.ndarray]:
-    """Cast parallel rays; return the distances (P,) [m] and the numbers of the first triangles.
+    """Cast parallel rays; return the distances (P,) [m] and the indices of the first triangles.
 
     Infinite and -1 without a hit within `far` [m].
 

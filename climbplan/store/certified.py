@@ -13,7 +13,7 @@ from climbplan.store.root_attributes import Origin
 
 @dataclass(frozen=True)
 class CertifiedRow:
-    """One problem in numbers, its answer and what is claimed of it."""
+    """The data of one problem, its answer and what is claimed of it."""
 
     parameters: Array  # (p,) of the statement
     instance: Instance

@@ -77,7 +77,7 @@ def require_context(
 
 
 def _flatten_shelf(shelf: object) -> dict[str, Any]:
-    """Flatten the numbers of a shelf, those of the published meaning included."""
+    """Flatten the quantities of a shelf, those of the published meaning included."""
     if not isinstance(shelf, Mapping):
         return {}
     inner = shelf.get("published")

@@ -1,1 +1,1 @@
-"""Shelf and books in numbers, drawn at random or read from files."""
+"""Shelf and books as arrays, drawn at random or read from files."""

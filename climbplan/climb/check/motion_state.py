@@ -105,7 +105,7 @@ def _compute_foot_contacts(
 
 
 def _list_limbs(plan: ClimbPlan) -> IntArray:
-    """Return the numbers of all limbs."""
+    """Return the indices of all limbs."""
     return np.arange(plan.robot.limb_count)
 
 

@@ -12,7 +12,7 @@ _PAIR_CHUNK = 200_000  # pairs of segment and triangle at a time
 
 
 def find_overlapping_triangles(corners: Array, lower: Array, upper: Array) -> IntArray:
-    """Return the numbers of triangles whose bounding boxes overlap a box."""
+    """Return the indices of triangles whose bounding boxes overlap a box."""
     inside = (corners.min(axis=1) <= upper) & (corners.max(axis=1) >= lower)
     return np.asarray(np.flatnonzero(inside.all(axis=1)), np.int64)
 

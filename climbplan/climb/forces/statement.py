@@ -1,4 +1,4 @@
-"""The force problem of every instant in numbers (chapter 5.1.4).
+"""The force problem of every instant, as arrays (chapter 5.1.4).
 
     minimise    s - w sum_i n_i . f_i                     s = 1 / S_tau
     subject to  sum f_i + F = 0, sum r_i x f_i + M = 0    equilibrium

@@ -37,7 +37,7 @@ class UnreducedProblem:
 
 
 def build_unreduced_problems(statement: ForceStatement) -> list[UnreducedProblem]:
-    """Return the numbers of every instant; limbs in the air have no stiffness against a wall."""
+    """Return the data of every instant; limbs in the air have no stiffness against a wall."""
     stiffness = np.asarray(np.linalg.inv(statement.compliance), np.float64)
     stiffness = stiffness * statement.contact[..., None, None]
     body = whole_body_stiffness(stiffness, statement.arms)

@@ -1,4 +1,4 @@
-"""The robot inside a plan file: its numbers, and the files that they are from."""
+"""The robot inside a plan file: its data, and the files that they are from."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _TEXTS = {"yaml": "source", "urdf": "urdf"}  # attributes, only where there is s
 
 
 def write_robot(group: h5py.Group, robot: Robot, texts: RobotTexts) -> None:
-    """Write names, numbers, mechanism and grippers; texts of a robot that is not built in, too."""
+    """Write names, data, mechanism and grippers; also the texts of a robot that is not built in."""
     write_text(group, "name", robot.name)
     for name in layout.ROBOT_NUMBERS:
         group.attrs[name] = float(vars(robot)[name])

@@ -1,1 +1,1 @@
-"""Robot, terrain, start and goal in numbers."""
+"""Robot, terrain, start and goal as arrays."""

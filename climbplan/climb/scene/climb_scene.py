@@ -1,4 +1,4 @@
-"""The scene of a climb: robot, terrain, start and goal as numbers, with mistakes of the spec."""
+"""The scene of a climb: robot, terrain, start and goal as arrays, with mistakes of the spec."""
 
 from __future__ import annotations
 
@@ -113,7 +113,7 @@ class ClimbStance:
 
 @dataclass(frozen=True)
 class MotionScene:
-    """All numbers that stages shared by climbs and transitions start from."""
+    """The data that stages shared by climbs and transitions start from."""
 
     spec: MotionSpec
     robot: Robot
@@ -125,7 +125,7 @@ class MotionScene:
 
 @dataclass(frozen=True)
 class ClimbScene(MotionScene):
-    """All numbers that the climb planner starts from."""
+    """The data that the climb planner starts from."""
 
     spec: ClimbSpec
     gait: tuple[int, ...]  # limbs in the order in which they move
@@ -136,7 +136,7 @@ class ClimbScene(MotionScene):
 
     @property
     def alternatives(self) -> list[list[IntArray]]:
-        """Return the numbers of the surfaces that limb i may use at the end of round j, [j][i]."""
+        """Return the indices of the surfaces that limb i may use at the end of round j, [j][i]."""
         m, allowed = self.spec.task.round_count, self.terrain.allowed
         rounds = [allowed] * m if self.by_round is None else list(self.by_round)
         return [

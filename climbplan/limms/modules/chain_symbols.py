@@ -1,4 +1,4 @@
-"""Symbolic kinematics of a module, eq. (6.2), as `chain.py` has it in numbers.
+"""Symbolic kinematics of a module, eq. (6.2), of which `chain.py` is the numerical version.
 
 Equation numbers are those of X. Lin (UCLA 2022).
 """

@@ -1,1 +1,1 @@
-"""The scene: free space, anchors, boxes and modules in numbers, and bounds on plans."""
+"""The scene: free space, anchors, boxes and modules as arrays, and bounds on plans."""

@@ -1,4 +1,4 @@
-"""A scene in numbers: free space, anchors, boxes, modules (chapter 6.3).
+"""The data of a scene as arrays: free space, anchors, boxes, modules (chapter 6.3).
 
 Boxes stay upright and turn about the vertical where their goals ask for it (assumption 1 has no box
 turn). The frame of a box is the world frame turned by its yaw. The z axis of an anchor's frame is

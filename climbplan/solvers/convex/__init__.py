@@ -1,1 +1,1 @@
-"""Convex instances by DAQP, Clarabel or OSQP, each re-solved where only numbers change."""
+"""Convex instances by DAQP, Clarabel or OSQP, each re-solved where only coefficients change."""

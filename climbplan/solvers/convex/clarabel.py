@@ -23,7 +23,7 @@ _INFEASIBLE = clarabel.SolverStatus.PrimalInfeasible
 class ClarabelSession:
     """Solves convex instances in turn with Clarabel; the solver is reused while its structure is.
 
-    It is rebuilt when other bounds become finite or equal; else only numbers are updated.
+    It is rebuilt when other bounds become finite or equal; else only coefficients are updated.
     """
 
     def __init__(self) -> None:

@@ -92,7 +92,7 @@ class SessionStepSolver:
         self._session = create_session(backend)
 
     def solve(self, quadratic: QuadraticProgram) -> Step:
-        """Solve one quadratic program; with the same shapes only numbers are updated."""
+        """Solve one quadratic program; with the same shapes only coefficients are updated."""
         r, m = len(quadratic.f), len(quadratic.lower)
         no_index = np.zeros(0, np.int64)
         empty = sparse.csr_matrix

@@ -1,4 +1,4 @@
-"""The force problem of robots with grippers in numbers.
+"""The force problem of robots with grippers, as arrays.
 
 For every limb in contact the unknowns are the forces p, r+, r- on palm and fingers, of which
 contact force f, moment m and gripping force g are linear (`mechanics.grip`):

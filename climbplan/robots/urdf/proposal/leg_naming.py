@@ -17,7 +17,7 @@ _MIDDLE_TOLERANCE = 1e-3  # [m]
 class LegNaming:
     """Names, leg order and gait order of N legs."""
 
-    order: tuple[int, ...]  # numbers of the given legs in leg order
+    order: tuple[int, ...]  # indices of the given legs in leg order
     names: tuple[str, ...]  # in leg order
     gait: tuple[str, ...]  # names from rear to front, one side after the other
     is_by_place: bool  # whether names follow from positions

@@ -69,9 +69,9 @@ def run_from_start(
         deadline: Time limit in `time.monotonic` seconds.
     """
     begin = time.perf_counter()
-    motion, footholds = build_complementarity_data(scene), list_footholds(scene)
+    data, footholds = build_complementarity_data(scene), list_footholds(scene)
     rng = np.random.default_rng(seed)
-    v = np.clip(_draw_start(motion, rng), motion.lower, motion.upper)
+    v = np.clip(_draw_start(data, rng), data.lower, data.upper)
     drawn_paths: set[bytes] = set()
     tried_sequences: set[bytes] = set()
     iterations = num_complementary = num_homotopies = 0
@@ -79,11 +79,11 @@ def run_from_start(
     penalties: tuple[float, ...] = PENALTIES
     while num_homotopies < _MAX_HOMOTOPIES and time.monotonic() < deadline:
         num_homotopies += 1
-        v, num_iterations, is_complementary_point = _run_homotopy(motion, v, penalties, deadline)
+        v, num_iterations, is_complementary_point = _run_homotopy(data, v, penalties, deadline)
         iterations += num_iterations
         if is_complementary_point:
             num_complementary += 1
-            tables, sequence = extract_sequence(motion, v)
+            tables, sequence = extract_sequence(data, v)
             is_new = sequence.moves.tobytes() not in tried_sequences
             tried_sequences.add(sequence.moves.tobytes())
             if is_new and is_admissible(scene, sequence.moves):
@@ -93,38 +93,38 @@ def run_from_start(
                     return StartResult(
                         seed, "", num_homotopies, num_complementary, seconds, iterations
                     )
-        v = _perturb_rounds(motion, footholds, v, rng, drawn_paths)
+        v = _perturb_rounds(data, footholds, v, rng, drawn_paths)
         penalties = PENALTIES[1:]
     seconds = time.perf_counter() - begin
     return StartResult(seed, reason, num_homotopies, num_complementary, seconds, iterations)
 
 
 def _run_homotopy(
-    motion: ComplementarityData, v: Array, penalties: tuple[float, ...], deadline: float
+    data: ComplementarityData, v: Array, penalties: tuple[float, ...], deadline: float
 ) -> tuple[Array, int, bool]:
     """Run a homotopy; return its end, IPOPT's iterations, and whether that is complementary."""
-    program, iterations = motion.program.penalised, 0
-    bounds = motion.bounds(program.formulation)
+    program, iterations = data.program.penalised, 0
+    bounds = data.bounds(program.formulation)
     for penalty in penalties:
-        p = program.formulation.theta(motion.parameters | {"penalty": penalty})
+        p = program.formulation.theta(data.parameters | {"penalty": penalty})
         point = program.solver.solve(v, p, bounds, deadline)
-        v = np.clip(point.v, motion.lower, motion.upper)
+        v = np.clip(point.v, data.lower, data.upper)
         iterations += point.iterations
-    return v, iterations, is_complementary(motion, v)
+    return v, iterations, is_complementary(data, v)
 
 
-def is_complementary(motion: ComplementarityData, v: Array) -> bool:
+def is_complementary(data: ComplementarityData, v: Array) -> bool:
     """Return whether all pairs of a point are complementary and all other constraints hold."""
-    formulation = motion.program.formulation
-    rows = np.array(motion.program.rows(v, formulation.theta(motion.parameters))).ravel()
-    bounds = motion.bounds(formulation)
+    formulation = data.program.formulation
+    rows = np.array(data.program.rows(v, formulation.theta(data.parameters))).ravel()
+    bounds = data.bounds(formulation)
     residuals = formulation.residuals(rows, (bounds.row_lower, bounds.row_upper))
     return all(block.residual <= _FEASIBILITY_TOLERANCE for block in residuals)
 
 
-def _draw_start(motion: ComplementarityData, rng: np.random.Generator) -> Array:
+def _draw_start(data: ComplementarityData, rng: np.random.Generator) -> Array:
     """Draw a start: poses and toes on their straight paths, contacts and pressures at random."""
-    scene, shape = motion.scene, motion.shape
+    scene, shape = data.scene, data.shape
     n, m = shape.limbs, shape.rounds
     start, goal = scene.start, scene.goal
     fractions = np.sort(rng.uniform(0.0, 1.0, (m + 1, n)), axis=0)[1:, :, None]
@@ -138,7 +138,7 @@ def _draw_start(motion: ComplementarityData, rng: np.random.Generator) -> Array:
         toe[j] += _NOISE * rng.uniform(-1, 1, (n, 3))
         force[j, :, 0] = rng.uniform(0.0, 0.5, n * shape.surfaces)
         hold[j] = rng.uniform(0.2, 0.8, n)
-    return motion.program.formulation.point(
+    return data.program.formulation.point(
         {
             "pose": pose,
             "toe": toe.reshape(m, -1),
@@ -152,15 +152,15 @@ def _draw_start(motion: ComplementarityData, rng: np.random.Generator) -> Array:
 
 
 def _perturb_rounds(
-    motion: ComplementarityData,
+    data: ComplementarityData,
     footholds: CandidateFootholds,
     v: Array,
     rng: np.random.Generator,
     known_paths: set[bytes],
 ) -> Array:
     """Perturb a point: some limbs move in other rounds, those that violate their pairs first."""
-    shape, scene = motion.shape, motion.scene
-    hold, step = motion.value("hold", v), _compute_steps(motion, v)
+    shape, scene = data.shape, data.scene
+    hold, step = data.value("hold", v), _compute_steps(data, v)
     conflict = (hold * step**2).sum(axis=0) + (hold * (1 - hold)).sum(axis=0)
     main_round = np.argmax(
         (1 - hold) * step, axis=0
@@ -180,9 +180,7 @@ def _perturb_rounds(
         if is_admissible(scene, moves) and moves.tobytes() not in known_paths:
             break
     known_paths.add(moves.tobytes())
-    return np.clip(
-        _place_on_path(motion, footholds, v, candidate, moves), motion.lower, motion.upper
-    )
+    return np.clip(_place_on_path(data, footholds, v, candidate, moves), data.lower, data.upper)
 
 
 def _find_long_steps(scene: TransitionScene, path: IntArray) -> IntArray:
@@ -210,27 +208,25 @@ def _draw_path(
 
 
 def _place_on_path(
-    motion: ComplementarityData,
+    data: ComplementarityData,
     footholds: CandidateFootholds,
     v: Array,
     path: IntArray,
     moves: BoolArray,
 ) -> Array:
     """Place the toes of a point on footholds (M, N); standing limbs press, moving ones do not."""
-    shape, formulation = motion.shape, motion.program.formulation
+    shape, formulation = data.shape, data.program.formulation
     limb = np.arange(shape.limbs)
-    region = np.vstack([motion.scene.start.region, footholds.region[limb, path]])[:-1]
+    region = np.vstack([data.scene.start.region, footholds.region[limb, path]])[:-1]
     force = np.zeros((shape.rounds, shape.limbs, shape.surfaces, 3))
-    surface_slot = np.argmax(motion.surfaces == region[:, :, None], axis=2)
+    surface_slot = np.argmax(data.surfaces == region[:, :, None], axis=2)
     force[np.arange(shape.rounds)[:, None], limb, surface_slot, 0] = np.where(
         moves, 0.0, _INITIAL_PRESSURE
     )
     point = v.copy()
     toes = footholds.toe[limb, path]
     point[formulation.place("toe")] = toes.reshape(shape.rounds, -1)
-    for name, value in compute_dependent_variables(
-        motion.scene, motion.value("pose", v), toes
-    ).items():
+    for name, value in compute_dependent_variables(data.scene, data.value("pose", v), toes).items():
         point[formulation.place(name)] = value
     point[formulation.place("hold")] = np.where(moves, 0.05, 0.95)
     point[formulation.place("force")] = force.reshape(shape.rounds, -1)
@@ -247,21 +243,19 @@ def is_admissible(scene: TransitionScene, moves: BoolArray) -> bool:
     )
 
 
-def _compute_steps(motion: ComplementarityData, v: Array) -> Array:
+def _compute_steps(data: ComplementarityData, v: Array) -> Array:
     """Compute toe steps (M, N) [m]."""
-    toes = np.concatenate([motion.scene.start.toes[None], motion.value("toe", v)])
+    toes = np.concatenate([data.scene.start.toes[None], data.value("toe", v)])
     return np.asarray(np.linalg.norm(np.diff(toes, axis=0), axis=-1))
 
 
-def extract_sequence(motion: ComplementarityData, v: Array) -> tuple[SearchTables, ContactSequence]:
+def extract_sequence(data: ComplementarityData, v: Array) -> tuple[SearchTables, ContactSequence]:
     """Extract the contact sequence of a complementary point, with tables of its footholds."""
-    scene, m = motion.scene, motion.shape.rounds
-    moves = (motion.value("hold", v) < 0.5) & (_compute_steps(motion, v) > _MIN_STEP)
-    pose = np.vstack([motion.value("pose", v), np.append(scene.goal.com, scene.goal.rpy)])
-    toes = np.concatenate([scene.start.toes[None], motion.value("toe", v)])  # (M + 1, N, 3)
-    tables = _build_tables(
-        scene, toes, CandidateBodyPoses(pose[:, :3], pose[:, 3:]), motion.surfaces
-    )
+    scene, m = data.scene, data.shape.rounds
+    moves = (data.value("hold", v) < 0.5) & (_compute_steps(data, v) > _MIN_STEP)
+    pose = np.vstack([data.value("pose", v), np.append(scene.goal.com, scene.goal.rpy)])
+    toes = np.concatenate([scene.start.toes[None], data.value("toe", v)])  # (M + 1, N, 3)
+    tables = _build_tables(scene, toes, CandidateBodyPoses(pose[:, :3], pose[:, 3:]), data.surfaces)
     return tables, ContactSequence(_build_states(moves), tuple(range(m + 1)), 0.0, np.inf)
 
 

@@ -100,20 +100,18 @@ def build_transition_problem(
 
     `extract_sequence` reads a solution. Raises TypeError for surfaces that are not flat.
     """
-    motion = build_complementarity_data(run.scene)
-    formulation = formulate_complementarity(motion.shape)
-    start = np.clip(_build_start_point(motion, tables, sequence), motion.lower, motion.upper)
+    data = build_complementarity_data(run.scene)
+    formulation = formulate_complementarity(data.shape)
+    start = np.clip(_build_start_point(data, tables, sequence), data.lower, data.upper)
 
     def check(theta: object, values: Values) -> dict[str, float]:
-        found_tables, sequence_found = extract_sequence(
-            motion, np.concatenate(list(values.values()))
-        )
+        found_tables, sequence_found = extract_sequence(data, np.concatenate(list(values.values())))
         if not is_admissible(run.scene, sequence_found.moves):
             return {"moving limbs": 1.0}
         attempt = plan_and_verify_sequence(run, found_tables, sequence_found)
         return {attempt.reason or "carried_through": float(attempt.motion is None)}
 
-    return _build_problem(formulation, motion.parameters, start, motion.bounds(formulation), check)
+    return _build_problem(formulation, data.parameters, start, data.bounds(formulation), check)
 
 
 def _build_problem(
@@ -131,27 +129,27 @@ def _build_problem(
 
 
 def _build_start_point(
-    motion: ComplementarityData, tables: SearchTables, sequence: ContactSequence
+    data: ComplementarityData, tables: SearchTables, sequence: ContactSequence
 ) -> Array:
     """Build a start point with the poses, toes and forces of the search."""
-    shape, scene = motion.shape, tables.scene
+    shape, scene = data.shape, tables.scene
     m, n = shape.rounds, shape.limbs
     poses, limb = np.array(sequence.poses)[:-1], np.arange(n)
     force, torque_use = compute_search_forces(tables, sequence)
     region = tables.footholds.region[limb, np.array(sequence.states)[:-1]]  # (M, N)
     axes = np.array([contact_frame(region.normal).axes for region in scene.terrain.regions])
-    surface_slot = np.argmax(motion.surfaces == region[:, :, None], axis=2)
+    surface_slot = np.argmax(data.surfaces == region[:, :, None], axis=2)
     local = np.zeros((m, n, shape.surfaces, 3))
     local[np.arange(m)[:, None], limb, surface_slot] = np.einsum(
         "mnij,mnj->mni", axes[region], force
     )
     toe = get_toes(tables, sequence)[1:]
-    rows = motion.parameters["face_row"].reshape(shape.solids, shape.faces, 3)
-    ends = motion.parameters["face_end"].reshape(shape.solids, shape.faces)
+    rows = data.parameters["face_row"].reshape(shape.solids, shape.faces, 3)
+    ends = data.parameters["face_end"].reshape(shape.solids, shape.faces)
     face_distance = np.einsum("bfk,mnk->mnbf", rows, toe) - ends
     active_faces = face_distance == face_distance.max(axis=-1, keepdims=True, initial=-np.inf)
     pose = np.concatenate([tables.poses.com[poses], tables.poses.rpy[poses]], axis=1)
-    return motion.program.formulation.point(
+    return data.program.formulation.point(
         {
             "pose": pose,
             **compute_dependent_variables(scene, pose, toe),

@@ -13,7 +13,7 @@ from climbplan.reports.robot_picture import draw_robot_picture
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.facts import measure_robot
 from climbplan.robots.serial_chain import SerialChain
-from climbplan.robots.urdf.visuals import simplify_mesh
+from climbplan.robots.urdf.visuals import index_submeshes, simplify_mesh
 from climbplan.robots.visual_geometry import (
     BODY,
     VisualGeometry,
@@ -51,6 +51,16 @@ def test_large_meshes_become_coarser_and_keep_their_size() -> None:
     kept, same = simplify_mesh(np.array(small.vertices), np.array(small.faces), 1500)
     assert np.array_equal(kept, small.vertices)
     assert np.array_equal(same, small.faces)
+
+
+def test_submeshes_have_vertices_of_their_own() -> None:
+    """Submeshes counted from zero are told apart; other meshes are left as they are."""
+    first, second = [[0, 1, 2], [2, 1, 3]], [[0, 1, 2], [0, 2, 3], [3, 2, 4]]
+    faces = index_submeshes(np.array(first + second), 9)
+    assert np.array_equal(faces[:2], first)
+    assert np.array_equal(faces[2:], np.array(second) + 4)
+    for other, count in ((first, 4), (first + second, 10), (second[1:], 5)):
+        assert np.array_equal(index_submeshes(np.array(other), count), other)
 
 
 def test_a_picture_shows_triangles_at_their_links(tmp_path: Path) -> None:

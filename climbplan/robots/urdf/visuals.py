@@ -103,6 +103,26 @@ def simplify_mesh(
     return np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)
 
 
+def index_submeshes(faces: IntArray, vertex_count: int) -> IntArray:
+    """Return the triangles (F, 3) of a mesh file with the vertices of their own submesh.
+
+    Coal appends the vertices of all submeshes (one a material) of a node, but counts those of each
+    submesh from zero. A submesh begins with the triangle (0, 1, 2). Triangles are returned
+    unchanged where the submeshes between such triangles do not have all vertices together.
+    """
+    starts = np.flatnonzero((faces == np.arange(3)).all(axis=1))
+    if len(starts) < 2 or starts[0] != 0:
+        return faces
+    submeshes = np.split(faces, starts[1:])
+    counts = [int(submesh.max()) + 1 for submesh in submeshes]
+    if sum(counts) != vertex_count:
+        return faces
+    offsets = np.cumsum([0, *counts[:-1]])
+    return np.concatenate(
+        [submesh + offset for submesh, offset in zip(submeshes, offsets, strict=True)]
+    )
+
+
 def _find_limb_joint(chain: SerialChain, joint: str) -> tuple[int, int]:
     """Return limb and joint of a chain's joint by name, the first limb's where several share it."""
     for limb, names in enumerate(chain.names):
@@ -129,5 +149,6 @@ def _triangulate(geometry: Any) -> tuple[Array, IntArray]:
     else:
         vertices = np.array(geometry.vertices(), float).reshape(-1, 3)
         rows = [geometry.tri_indices(k) for k in range(geometry.num_tris)]
-        return vertices, np.array([[t[0], t[1], t[2]] for t in rows], np.int64).reshape(-1, 3)
+        faces = np.array([[t[0], t[1], t[2]] for t in rows], np.int64).reshape(-1, 3)
+        return vertices, index_submeshes(faces, len(vertices))
     return np.array(mesh.vertices, float), np.array(mesh.faces, np.int64)

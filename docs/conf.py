@@ -20,8 +20,8 @@ extensions = [
     "sphinx.ext.napoleon",
     "generated_pages",
 ]
-exclude_patterns = ["_build", "_ext"]
-myst_enable_extensions = ["colon_fence", "dollarmath"]
+exclude_patterns = ["_build", "_ext", "_static"]
+myst_enable_extensions = ["attrs_inline", "colon_fence", "dollarmath"]
 myst_heading_anchors = 3
 myst_fence_as_directive = ["math"]  # as GitHub shows it
 
@@ -31,6 +31,9 @@ autodoc_typehints = "signature"
 autodoc_class_signature = "mixed"
 
 html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
+html_search_scorer = str(Path(__file__).parent / "_ext" / "search_scorer.js")
 html_title = "climbplan"
 html_show_copyright = False
 html_show_sphinx = False

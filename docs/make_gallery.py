@@ -1,8 +1,10 @@
-"""Make the gallery's pictures: plan every shipped scene and keep one figure of each, small.
+"""Make the gallery's pictures: plan every shipped scene, keep a figure, a thumbnail and films.
 
-python docs/make_gallery.py             all of them, some eight minutes
+python docs/make_gallery.py             all of them, some twenty minutes
 python docs/make_gallery.py mpc_turn    some
 python docs/make_gallery.py --from outputs mpc_turn    of plans that are there already
+
+Thumbnails and films need MuJoCo and EGL or OSMesa, as `climbplan report --film` does.
 """
 
 from __future__ import annotations
@@ -15,9 +17,11 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 sys.path.insert(0, str(Path(__file__).parent / "_ext"))
-from gallery_page import Scene, scenes
+from gallery_page import FILMS, MAIN_FILM, Scene, scenes
+from motion_pictures import draw_plan, write_card_picture, write_film
 
 import climbplan
 
@@ -31,9 +35,16 @@ FIGURES = {
     "limms": ("poses.png",),
     "bookshelf": ("scene.png", "gallery_1.png"),
 }
+# What a still of the plan does not show: thumbnails of these are their figures
+DRAWN = ("climb_region", "bookshelf_file", "bookshelf_five", "bookshelf_scene")
+MOMENTS = {
+    "limms_throw": 0.8,
+    "limms_walk": 0.85,
+}  # fraction of a plan's time, where the middle shows little
 MOST_BYTES = 60_000
 WIDTHS = (760, 680, 600, 520, 440, 360)  # [pixels], the widest that fits
 COLOURS = 200  # fewer make two limbs one colour
+STILL_QUALITY = 60
 
 
 def main() -> None:
@@ -41,30 +52,55 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help="scenes; all if left out")
     parser.add_argument("--from", dest="plans", type=Path, help="folder of plans by scene")
+    parser.add_argument("--no-figures", action="store_true", help="thumbnails and films alone")
     given = parser.parse_args()
+    for folder in ("thumbnails", "films"):
+        (PICTURES / folder).mkdir(exist_ok=True)
     for scene in scenes(ROOT / "specs"):
         if not given.names or scene.name in given.names:
-            path = make(scene, given.plans)
-            print(f"{path.relative_to(ROOT)} {path.stat().st_size / 1000:.0f} kB", flush=True)
+            for path in make(scene, given.plans, not given.no_figures):
+                size = path.stat().st_size / 1000
+                print(f"{path.relative_to(ROOT)} {size:.0f} kB", flush=True)
 
 
-def make(scene: Scene, plans: Path | None) -> Path:
-    """The picture of one scene."""
-    with tempfile.TemporaryDirectory() as folder:
+def make(scene: Scene, plans: Path | None, with_figure: bool) -> list[Path]:
+    """Make the pictures of one scene; return their paths."""
+    made = []
+    with tempfile.TemporaryDirectory() as scratch:
         if plans is None:
-            made = climbplan.plan(ROOT / "specs" / f"{scene.name}.yaml")
+            path = climbplan.plan(ROOT / "specs" / f"{scene.name}.yaml").save(
+                Path(scratch) / "plan.h5"
+            )
         else:
-            made = climbplan.load_plan(plans / scene.name)
-        made.write_report(folder)
-        figures = Path(folder) / "figures"
-        drawn = next(figures / f for f in FIGURES[scene.kind] if (figures / f).exists())
-        return shrink(drawn, PICTURES / f"{scene.name}.png")
+            path = plans / scene.name / "plan.h5"
+        if with_figure:
+            climbplan.load_plan(path).write_report(scratch)
+            figures = Path(scratch) / "figures"
+            drawn = next(figures / f for f in FIGURES[scene.kind] if (figures / f).exists())
+            made.append(shrink(drawn, PICTURES / f"{scene.name}.png"))
+        if scene.name not in DRAWN:
+            target = PICTURES / "thumbnails" / f"{scene.name}.webp"
+            picture = draw_plan(path, MOMENTS.get(scene.name, 0.5))
+            made.append(write_card_picture(picture, target))
+        if scene.name in FILMS:
+            made += film(scene.name, path)
+    return made
+
+
+def film(name: str, plan: Path) -> tuple[Path, Path]:
+    """Make the film of a plan and its still; return their paths."""
+    target = PICTURES / "films" / f"{name}_film.webp"
+    still = target.with_name(f"{name}_still.webp")
+    width, rate = (640, 12.5) if name == MAIN_FILM else (480, 6.25)
+    write_film(plan, target, width, rate)
+    with Image.open(target) as pictures:
+        pictures.seek(getattr(pictures, "n_frames", 1) // 2)
+        pictures.convert("RGB").save(still, quality=STILL_QUALITY, method=6)
+    return target, still
 
 
 def shrink(source: Path, target: Path) -> Path:
-    """A picture of few colours and at most `MOST_BYTES`."""
-    from PIL import Image  # comes with Matplotlib
-
+    """Write a picture of few colours and at most `MOST_BYTES`."""
     pixels: NDArray[np.float32] = matplotlib.image.imread(source)[..., :3]
     whole = Image.fromarray((255 * pixels).round().astype(np.uint8))
     for width in WIDTHS:

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from markdown_table import cell, table
+import typer
+from markdown_table import cell, wrapped_table
 
-HEAD = """# Benchmarks
+HEAD = """# Measured benchmarks
 
 Each section is one run of `python -m benchmarks NAME --json docs/benchmarks/NAME.json` and is made
 from that record alone. Ratios of one run may be compared; seconds change with the machine and its
@@ -22,11 +23,21 @@ def benchmarks_page(folder: Path) -> str:
     records = [
         json.loads(path.read_text(encoding="utf-8")) for path in sorted(folder.glob("*.json"))
     ]
-    return "\n".join([HEAD, *(section(record) for record in records)])
+    purposes = describe_benchmarks()
+    sections = [section(record, purposes[record["benchmark"]]) for record in records]
+    return "\n".join([HEAD, *sections])
 
 
-def section(record: Mapping[str, Any]) -> str:
-    """What was run, when, on what, with which versions, and its tables."""
+def describe_benchmarks() -> dict[str, str]:
+    """Return what each benchmark measures, by its name, as `--list` prints it."""
+    from benchmarks.app import app
+
+    commands = typer.main.get_group(app).commands
+    return {name: command.get_short_help_str(limit=120) for name, command in commands.items()}
+
+
+def section(record: Mapping[str, Any], purpose: str) -> str:
+    """Return what was run, when, on what, with which versions, and its tables."""
     options = " ".join(
         f"--{name.replace('_', '-')}" + ("" if value is True else f" {value}")
         for name, value in record["options"].items()
@@ -36,6 +47,8 @@ def section(record: Mapping[str, Any]) -> str:
     versions = ", ".join(f"{name} {number}" for name, number in record["versions"].items())
     lines = [
         f"## {record['benchmark']}",
+        "",
+        purpose,
         "",
         f"`python -m benchmarks {record['benchmark']} {options}".rstrip() + "`",
         f"on {record['date'][:10]}, commit {(record['commit'] or 'unknown')[:12]}:",
@@ -49,5 +62,6 @@ def section(record: Mapping[str, Any]) -> str:
             width = max(len(row) for row in (one["header"], *one["rows"]))
             rows = [[*row, *[""] * (width - len(row))] for row in one["rows"]]
             head = [*one["header"], *[""] * (width - len(one["header"]))]
-            lines.append(table(head, rows))
-    return "\n".join([*lines, f"Versions: {versions}.", ""])
+            lines.append(wrapped_table("measured", head, rows))
+    lines += [":::{container} versions", "", f"Versions: {versions}.", "", ":::", ""]
+    return "\n".join(lines)

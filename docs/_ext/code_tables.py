@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import inspect
 
-from markdown_table import table
+from markdown_table import wrapped_table
+from reference_names import declare
 
 import climbplan
 from climbplan import errors
@@ -90,15 +91,16 @@ def checks_page() -> str:
     ]
     for kind, limits in kinds.items():
         rows = [
-            (f"`{name}`", limit.meaning, f"{limit.value:g} {limit.unit}".strip())
+            (declare("check", name), limit.meaning, f"{limit.value:g} {limit.unit}".strip())
             for name, limit in limits.items()
         ]
-        lines += [f"## {kind}", "", table(("check", "what holds", "passes up to"), rows)]
-    of_books = [(f"`{name}`", meaning) for name, meaning in MEANINGS.items()]
+        head = ("check", "what holds", "passes up to")
+        lines += [f"## {kind}", "", wrapped_table("stacked checks", head, rows)]
+    of_books = [(declare("check", name), meaning) for name, meaning in MEANINGS.items()]
     lines += [
         "And of each placement, to 0.01 mm in the meaning `contact`:",
         "",
-        table(("check", "what holds"), of_books),
+        wrapped_table("stacked checks", ("check", "what holds"), of_books),
     ]
     return "\n".join(lines)
 
@@ -107,7 +109,7 @@ def solvers_page() -> str:
     """Every solver backend with what it can hold."""
     rows = [
         (
-            f"`{backend.name}`",
+            declare("solver", backend.name),
             ", ".join(sorted(backend.accepts)) or "linear rows, quadratic costs",
             "bounds" if backend.proves else "local",
             backend.purpose,
@@ -124,6 +126,6 @@ def solvers_page() -> str:
             "doctor` says which of them are installed. An instance that a solver cannot hold has",
             "to be reformulated first; methods do that.",
             "",
-            table(head, rows),
+            wrapped_table("stacked solvers", head, rows),
         ]
     )

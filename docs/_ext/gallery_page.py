@@ -6,6 +6,9 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
+from cards import Card, join_links, write_cards, write_film
+from reference_names import declare
+
 COMMANDS = {
     "climb": "plan-climb",
     "transition": "plan-transition",
@@ -13,13 +16,57 @@ COMMANDS = {
     "limms": "plan-limms",
     "bookshelf": "solve-bookshelf",
 }
-HEADINGS = {
-    "climb": "Climbing",
-    "transition": "Transitions and missions",
-    "mpc": "Walking",
-    "limms": "Modules",
-    "bookshelf": "Bookshelf",
+
+
+@dataclass(frozen=True)
+class Family:
+    """Scenes of one section."""
+
+    heading: str
+    about: str
+    guide: str  # page of the family, beside `guides/`
+    film: str = ""  # scene that the film at the head of the section shows
+
+
+FAMILIES = {
+    "climb": Family(
+        "Climbing",
+        "Legs brace between walls, in tubes and on stairs.",
+        "climb",
+        "climb_tube",
+    ),
+    "grip": Family(
+        "Climbing by gripping",
+        "Grippers carry the robot up one wall and along a ceiling.",
+        "climb_forces_grips",
+        "climb_ceiling",
+    ),
+    "transition": Family(
+        "Transitions and missions",
+        "From the ground to the walls: the contact sequence is part of the plan.",
+        "climb",
+        "mission_ground_to_top",
+    ),
+    "mpc": Family(
+        "Walking",
+        "Footsteps, gait, body motion and contact forces are chosen together.",
+        "walking",
+        "mpc_stairs",
+    ),
+    "limms": Family(
+        "Modules",
+        "Modules with a latch at both ends become arms and legs of boxes.",
+        "limms",
+        "limms_throw",
+    ),
+    "bookshelf": Family(
+        "Bookshelf", "One more book, with the least motion of the others.", "bookshelf"
+    ),
 }
+MAIN_FILM = "climb_obstacle"  # of the landing page
+FILMS = (MAIN_FILM, *(family.film for family in FAMILIES.values() if family.film))
+_CITATION = re.compile(r" ?\([^()]*(?:X\. Lin|chapter)[^()]*\)|, eqs\. \([\d.]+\) to \([\d.]+\)")
+_SENTENCE_END = re.compile(r"(?<![A-Z])\. (?=[A-Z])")
 
 
 @dataclass(frozen=True)
@@ -28,55 +75,100 @@ class Scene:
 
     name: str
     kind: str
-    about: str  # its title comment, up to the first empty line
+    family: str
+    title: str
+    about: str  # the first sentence of its leading comment, without citations
 
     @property
     def command(self) -> str:
-        """What plans it."""
+        """Return the command that plans it."""
         return f"climbplan {COMMANDS[self.kind]} specs/{self.name}.yaml"
 
 
 def scenes(specs: Path) -> list[Scene]:
-    """All specs of kinds with a plan, by kind and name."""
+    """Return all specs of kinds with a plan, by family and name."""
     found = []
     for path in sorted(specs.glob("*.yaml")):
         text = path.read_text(encoding="utf-8")
-        kind = re.search(r"^kind: *(\w+)", text, re.MULTILINE)
-        if kind is not None and kind[1] in COMMANDS:
-            found.append(Scene(path.stem, kind[1], _about(text)))
-    return sorted(found, key=lambda scene: list(COMMANDS).index(scene.kind))
+        kind = _read_key(text, "kind")
+        if kind in COMMANDS:
+            is_grip = kind == "climb" and _read_key(text, "robot") == "scaler"
+            family = "grip" if is_grip else kind
+            title = _read_key(text, "title")
+            found.append(Scene(path.stem, kind, family, title, _first_sentence(text)))
+    return sorted(found, key=lambda scene: list(FAMILIES).index(scene.family))
 
 
 def gallery_page(specs: Path, pictures: Path) -> str:
-    """The page; a scene without a picture raises FileNotFoundError."""
+    """Return the page; a scene without a picture raises FileNotFoundError."""
     lines = [
         "# Gallery",
         "",
-        "Every shipped spec that is planned, with its title comment and a figure of its report.",
-        "`python docs/make_gallery.py` makes the pictures. The [list of scenes](guides/specs.md)",
-        "says how each plan ends in simulation.",
+        "Every shipped spec that is planned, with a frame of its plan; `figure` is that of its",
+        "report. Films show what is planned, not a simulation, short motions slower. The",
+        "[list of scenes](guides/specs.md) says how each plan ends in simulation.",
         "",
     ]
-    kind = ""
-    for scene in scenes(specs):
-        if scene.kind != kind:
-            kind = scene.kind
-            lines += [f"## {HEADINGS[kind]}", ""]
-        picture = pictures / f"{scene.name}.png"
-        if not picture.exists():
-            raise FileNotFoundError(f"{picture}: `python docs/make_gallery.py {scene.name}`")
-        lines += [f"### {scene.name}", "", scene.about, ""]
-        lines += ["```sh", scene.command, "```", ""]
-        lines += [f"![{scene.name}](../gallery/{picture.name})", ""]
+    listed = scenes(specs)
+    for key, family in FAMILIES.items():
+        lines += [f"## {family.heading}", ""]
+        lines += [f"{family.about} [Methods, keys and limits](guides/{family.guide}.md).", ""]
+        if family.film:
+            lines += [_film(family.film, listed, pictures), ""]
+        members = [scene for scene in listed if scene.family == key]
+        lines.append(write_cards(_card(scene, pictures) for scene in members))
     return "\n".join(lines)
 
 
-def _about(text: str) -> str:
-    """The first paragraph of a spec's leading comment."""
-    lines = []
+def _film(name: str, listed: list[Scene], pictures: Path) -> str:
+    (title,) = [scene.title for scene in listed if scene.name == name]
+    for kind in ("film", "still"):
+        _require(pictures / "films" / f"{name}_{kind}.webp", name)
+    folder = "../gallery/films"
+    return write_film(f"{folder}/{name}_film.webp", f"{folder}/{name}_still.webp", title)
+
+
+def _card(scene: Scene, pictures: Path) -> Card:
+    """Return a scene's card; FileNotFoundError without pictures."""
+    figure = _require(pictures / f"{scene.name}.png", scene.name)
+    thumbnail = pictures / "thumbnails" / f"{scene.name}.webp"
+    picture = thumbnail if thumbnail.exists() else figure
+    folder = "../gallery" if picture is figure else "../gallery/thumbnails"
+    return Card(
+        title=declare("scene", scene.name, scene.title),
+        text=scene.about,
+        picture=f"{folder}/{picture.name}",
+        alternative=scene.title,
+        command=scene.command,
+        links=join_links(
+            (
+                f"{{download}}`spec <../../specs/{scene.name}.yaml>`",
+                f"{{download}}`figure <../gallery/{figure.name}>`",
+            )
+        ),
+        is_figure=picture is figure,
+    )
+
+
+def _require(path: Path, name: str) -> Path:
+    if not path.exists():
+        raise FileNotFoundError(f"{path}: `python docs/make_gallery.py {name}`")
+    return path
+
+
+def _read_key(text: str, key: str) -> str:
+    """Return the value of a top-level key that is one word or line; empty without it."""
+    match = re.search(rf"^{key}: *([^#\n]*)", text, re.MULTILINE)
+    return match[1].strip() if match else ""
+
+
+def _first_sentence(text: str) -> str:
+    """Return the first sentence of a spec's leading comment, without its citations."""
+    words = []
     for line in text.splitlines():
-        words = line.removeprefix("#").strip()
-        if not line.startswith("#") or not words:
+        word = line.removeprefix("#").strip()
+        if not line.startswith("#") or not word:
             break
-        lines.append(words)
-    return " ".join(lines)
+        words.append(word)
+    about = _CITATION.sub("", " ".join(words))
+    return _SENTENCE_END.split(about)[0].rstrip(".:") + "."

@@ -1,7 +1,7 @@
 """Sphinx extension: writes the pages that are made from code and specs, before they are read.
 
-They go to `docs/generated/`, which is not kept: key reference, gallery, checks, solvers, public
-names, benchmarks and the guides.
+They go to `docs/generated/`, which is not kept: key reference, gallery, robots, checks, solvers,
+public names, benchmarks and the guides.
 """
 
 from __future__ import annotations
@@ -15,6 +15,8 @@ from folder_tables import folders_page
 from gallery_page import gallery_page
 from guide_pages import guide_pages
 from page_pictures import pictures_page
+from reference_names import SpecDomain
+from robot_page import robot_grid, robots_page
 from spec_keys import keys_page
 from sphinx.application import Sphinx
 
@@ -33,6 +35,8 @@ def pages(docs: Path) -> dict[str, str]:
         "solvers.md": solvers_page(),
         "gallery.md": gallery_page(root / "specs", docs / "gallery"),
         "pages.md": pictures_page(docs / "pages"),
+        "robots.md": robots_page(docs),
+        "robot_grid.txt": robot_grid(docs),  # which the landing page includes
         **{f"keys/{kind}.md": keys_page(kind, json_schema(kind)) for kind in KINDS},
         **{f"guides/{name}": text for name, text in guide_pages(root).items()},
     }
@@ -53,5 +57,6 @@ def write_pages(app: Sphinx) -> None:
 
 def setup(app: Sphinx) -> dict[str, Any]:
     """Called by Sphinx."""
+    app.add_domain(SpecDomain)
     app.connect("builder-inited", write_pages)
     return {"parallel_read_safe": True}

@@ -14,3 +14,14 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """Rows under a head."""
     lines = [list(head), ["---"] * len(head), *([cell(entry) for entry in row] for row in rows)]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines) + "\n"
+
+
+def wrapped_table(style: str, head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return a table in a box that the style sheet knows.
+
+    Args:
+        style: Classes of the box; rows of `stacked` ones become blocks on a narrow screen.
+        head: Column titles.
+        rows: Cells of each row.
+    """
+    return f":::{{container}} {style}\n\n{table(head, rows)}\n:::\n"

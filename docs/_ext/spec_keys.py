@@ -7,7 +7,8 @@ import re
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from markdown_table import table
+from markdown_table import wrapped_table
+from reference_names import declare
 
 Schema = Mapping[str, Any]
 Places = Mapping[str, list[str]]  # of each section, by its name in the schema
@@ -35,19 +36,20 @@ def keys_page(kind: str, schema: Schema) -> str:
         "",
     ]
     places = _places(schema)
-    lines += _section(schema, places)
+    lines += _section(schema, places, kind)
     for name, (first, *others) in places.items():
         model = schema["$defs"][name]
         lines += [f"## {_heading(first)}", "", _sentence(model.get("description", "")), ""]
         if others:
             lines += ["The same at " + ", ".join(f"`{place}`" for place in others) + ".", ""]
-        lines += _section(model, places)
+        lines += _section(model, places, f"{kind}.{first}")
     return "\n".join(lines)
 
 
-def _section(model: Schema, places: Places) -> list[str]:
+def _section(model: Schema, places: Places, prefix: str) -> list[str]:
     if "properties" in model:
-        return [table(("key", "value", "default", "meaning"), _rows(model, places))]
+        rows = _rows(model, places, prefix)
+        return [wrapped_table("stacked keys", ("key", "value", "default", "meaning"), rows)]
     return [f"One of {_type(model, places)}.", ""]
 
 
@@ -60,18 +62,19 @@ def _anchor(place: str) -> str:
     return re.sub(r"[^\w-]", "", place.lower().replace(" ", "-"))
 
 
-def _rows(model: Schema, places: Places) -> Iterator[tuple[str, str, str, str]]:
+def _rows(model: Schema, places: Places, prefix: str) -> Iterator[tuple[str, str, str, str]]:
     required = model.get("required", [])
     for key, field in model["properties"].items():
         default = "**required**" if key in required else _default(field)
-        yield f"`{key}`", _type(field, places), default, _sentence(field.get("description", ""))
+        name = declare("key", f"{prefix}.{key}", key)
+        yield name, _type(field, places), default, _sentence(field.get("description", ""))
 
 
 def _default(field: Schema) -> str:
     if field.get("default") is None:
         return ""
     if isinstance(field["default"], Mapping) and field["default"]:
-        return "see there"
+        return "as listed"
     return f"`{json.dumps(field['default'])}`"
 
 

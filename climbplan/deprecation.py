@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Mapping
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -36,6 +36,74 @@ def renamed_parameters(**renamed: str) -> Callable[[Callable[_P, _T]], Callable[
         return call
 
     return decorate
+
+
+RENAMED_CHECKS: Mapping[str, str] = {
+    "clear.box": "box.collision",
+    "clear.boxes": "limbs.box_collision",
+    "clear.modules": "limbs.module_collision",
+    "clear.self": "limbs.self_collision",
+    "clear.solids": "limbs.collision",
+    "box.motion": "box.kinematics",
+    "dynamics.spin": "dynamics.angular_velocity",
+    "file.bound": "solution.bound",
+    "file.optimal": "solution.gap",
+    "force.inward": "force.penetration",
+    "force.lifted_unloaded": "force.without_contact",
+    "force.swing": "force.without_contact",
+    "force.unattached": "force.without_contact",
+    "goal.reached": "goal.position",
+    "goal.turned": "goal.rotation",
+    "grip.press": "grip.unilateral",
+    "ground.free": "ground.support",
+    "ground.stand": "ground.contact",
+    "joint.range": "kinematics.joint_bounds",
+    "joint.rates": "kinematics.joint_velocity",
+    "joint.speed": "speed.limit",
+    "kinematics.points": "kinematics.forward",
+    "kinematics.toes": "kinematics.forward",
+    "limbs.capsules": "limbs.collision",
+    "limbs.clearance": "limbs.axis_collision",
+    "load.ground": "load.friction",
+    "load.tip": "load.tipping",
+    "objective": "file.objective",
+    "robust.pressure": "robust.normal_force",
+    "samples.continuous": "trajectory.continuity",
+    "samples.rate": "trajectory.rate",
+    "solution.objective": "file.objective",
+    "solution.rows": "solution.consistency",
+    "spec.held": "spec.differences",
+    "stiffness.command": "stiffness.toe_command",
+    "stiffness.relation": "stiffness.force_deflection",
+    "swing.ground": "swing.penetration",
+    "swing.height": "swing.clearance",
+    "torque.from_angles": "torque.from_forces",
+    "torque.reach": "stance.reach",
+    "trajectory.capsules": "trajectory.collision",
+    "trajectory.clearance": "trajectory.axis_collision",
+    "trajectory.ends": "trajectory.endpoints",
+    "trajectory.grip": "trajectory.grip_shear",
+    "trajectory.gripping": "trajectory.grip_force",
+    "trajectory.joint_speed": "speed.limit",
+    "workspace.whole_stance": "workspace.over_stance",
+    "wrist.square": "wrist.alignment",
+}
+"""Old names of checks, and of the blocks of programs that state the same, with the new ones."""
+
+
+def current_check_name(name: str, known: Collection[str], stacklevel: int = 4) -> str:
+    """Return the name under which a check or block is known, with a warning for an old one.
+
+    Args:
+        name: Name as the user wrote it, old or new.
+        known: Names that exist; one that is among them is never translated.
+        stacklevel: Level of the user's code, as `warnings.warn` counts it from `warn_renamed`.
+    """
+    new = RENAMED_CHECKS.get(name)
+    if name in known or new is None or new not in known:
+        return name
+    warn_renamed(f"the check `{name}`", f"`{new}`", stacklevel)
+    return new
 
 
 class RenamedAttribute:

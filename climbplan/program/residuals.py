@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.arrays import Array, IntArray
+from climbplan.deprecation import current_check_name
 from climbplan.program.blocks import Blocks
 from climbplan.program.instance import Instance
 
@@ -39,6 +40,7 @@ class CheckReport:
 
     def __getitem__(self, name: str) -> BlockResidual:
         """Return the block of a name at its worst; raises KeyError with the known names."""
+        name = current_check_name(name, {block.name for block in self.blocks})
         blocks = [block for block in self.blocks if block.name == name]
         if not blocks:
             raise KeyError(f"no block {name!r}: {', '.join(sorted({b.name for b in self.blocks}))}")

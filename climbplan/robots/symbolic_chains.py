@@ -114,7 +114,7 @@ class ChainsAtToes:
         Joint bounds are those of variables.
         """
         pose = self.chains.pose(self.robot_parameters, self.angles)
-        ties = [Tie("kinematics.toes", pose.toe - self.toes, "m", 0.0, 0.0)]
+        ties = [Tie("kinematics.forward", pose.toe - self.toes, "m", 0.0, 0.0)]
         if margin > 0:
             measure = compute_singularity_measure(
                 self.chains.columns(self.robot_parameters, pose), self.side

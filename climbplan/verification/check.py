@@ -32,50 +32,64 @@ LIMITS = {
     "robot.spec": Limit(1e-9, "", "the robot is the one that the spec names (relative)"),
     "terrain.spec": Limit(1e-9, "", "the terrain is the one that the spec makes (relative)"),
     "file.objective": Limit(1e-4, "", "the objective is the cost of the stored postures"),
-    "force.inward": Limit(
+    "force.penetration": Limit(
         1e-6, "m", "joints bend towards the surfaces that toes stand on, to first order"
     ),
     "gait.sequence": Limit(1e-6, "m", "instants follow from the rounds and the gait"),
     "steps.com": Limit(1e-6, "m", "body steps within their bounds"),
     "steps.toe": Limit(1e-6, "m", "toe steps within their bounds"),
     "steps.rotation": Limit(1e-6, "rad", "turns within their bound"),
-    "goal.reached": Limit(1e-6, "m", "the last posture is within tolerance of the goal"),
-    "goal.rotation": Limit(1e-6, "rad", "and so is its rotation about each axis"),
+    "goal.position": Limit(1e-6, "m", "the last posture is within tolerance of the goal"),
+    "goal.rotation": Limit(
+        1e-6, "rad", "the last rotation is within tolerance of the goal about each axis"
+    ),
     "contact.region": Limit(1e-6, "m", "toes lie on their surfaces"),
     "contact.allowed": Limit(0, "", "toes on surfaces their limb may not use"),
     "contact.normal": Limit(1e-6, "", "normals are those of the surfaces"),
     "contact.friction": Limit(1e-9, "", "friction coefficients are those of the surfaces"),
-    "kinematics.toes": Limit(1e-6, "m", "forward kinematics of the joint angles give the toes"),
+    "kinematics.forward": Limit(1e-6, "m", "forward kinematics of the joint angles give the toes"),
     "kinematics.joint_bounds": Limit(1e-6, "rad", "joint angles and commands within their bounds"),
     "force.equilibrium": Limit(1e-6, "of weight", "forces and moments balance (moments at 1 m)"),
-    "force.unilateral": Limit(1e-6, "of weight", "no limb pulls"),
+    "force.unilateral": Limit(1e-6, "of weight", "no limb pulls on its surface"),
     "force.friction": Limit(1e-6, "of weight", "tangential force within mu f_n / S_mu"),
-    "force.lifted_unloaded": Limit(1e-9, "of weight", "no force on lifted limbs"),
-    "torque.from_angles": Limit(
+    "force.without_contact": Limit(1e-9, "of weight", "no force on lifted limbs"),
+    "torque.from_forces": Limit(
         1e-6, "N m", "joint torques are J^T f (with grippers, and of the wrists' moments)"
     ),
     "torque.limit": Limit(1e-6, "of limit", "torques within the limit over S_tau"),
-    "stiffness.relation": Limit(1e-6, "m", "J k^-1 J^T f / (1 - share) = d_wall - [I P^T] d_com"),
+    "stiffness.force_deflection": Limit(
+        1e-6, "m", "J k^-1 J^T f / (1 - share) = d_wall - [I P^T] d_com"
+    ),
     "stiffness.joint_command": Limit(1e-6, "m", "J (joint angles - commands) = d_wall"),
-    "stiffness.command": Limit(1e-9, "m", "toe commands are where joint commands put toes"),
+    "stiffness.toe_command": Limit(1e-9, "m", "toe commands are where joint commands put toes"),
     "safety.stored": Limit(1e-6, "", "stored safety factors are those of the stored forces"),
     "static.pose": Limit(1e-4, "m, rad", "the joint commands hold the body at its planned pose"),
-    "static.torque": Limit(1e-4, "of limit", "torques there within the limit over S_tau"),
-    "static.friction": Limit(1e-4, "of weight", "tangential forces there within mu f_n / S_mu"),
+    "static.torque": Limit(
+        1e-4, "of limit", "torques in that equilibrium within the limit over S_tau"
+    ),
+    "static.friction": Limit(
+        1e-4, "of weight", "tangential forces in that equilibrium within mu f_n / S_mu"
+    ),
     "static.stability": Limit(0, "", "the body does not buckle under the forces that hold it"),
-    "robust.pressure": Limit(0, "N", "toes in contact press with their margin"),
-    "robust.friction": Limit(0, "N", "and hold with so much less pressure, within mu f_n / S_mu"),
-    "robust.slip": Limit(0, "", "and stay where the surface lacks so much of its friction"),
+    "robust.normal_force": Limit(0, "N", "normal forces of toes in contact keep their margin"),
+    "robust.friction": Limit(
+        0, "N", "toes hold with so much less normal force, within mu f_n / S_mu"
+    ),
+    "robust.slip": Limit(0, "", "toes stay where the surface lacks so much of its friction"),
     "robust.depth": Limit(0, "m", "free toes would be commanded so far inside their surfaces"),
     "robust.torque": Limit(0, "", "motors of limbs in contact have so much of their limits left"),
     "robust.stiffness": Limit(0, "", "bracing leaves the body so much of its stiffness"),
     "body.clearance": Limit(1e-6, "m", "the body hull keeps its distance from all solids"),
     "body.free_region": Limit(1e-6, "m", "the body hull ends every round in stated free space"),
-    "limbs.clearance": Limit(1e-3, "m", "depth of link axes inside solids at the instants"),
-    "limbs.capsules": Limit(1e-6, "m", "links, as thick as they are, miss obstacles and surfaces"),
-    "limbs.self_collision": Limit(1e-6, "m", "links miss other limbs and the body"),
+    "limbs.axis_collision": Limit(1e-3, "m", "depth of link axes inside solids at the instants"),
+    "limbs.collision": Limit(
+        1e-6, "m", "links, as capsules, miss obstacles and surfaces at the instants"
+    ),
+    "limbs.self_collision": Limit(1e-6, "m", "links miss other limbs and the body at the instants"),
     "trajectory.rate": Limit(1e-9, "s", "samples at a fixed rate"),
-    "trajectory.ends": Limit(1e-6, "m", "from the first posture to the last"),
+    "trajectory.endpoints": Limit(
+        1e-6, "m", "the path begins at the first posture and ends at the last"
+    ),
     "trajectory.sequence": Limit(0, "", "limbs lift and land in the order of the instants"),
     "trajectory.body": Limit(1e-6, "m", "the body keeps to its path and to the gait"),
     "trajectory.command": Limit(1e-5, "m, rad", "joint commands hold the body on its path"),
@@ -83,10 +97,12 @@ LIMITS = {
     "trajectory.torque": Limit(1e-4, "of limit", "torques on the way within the limit"),
     "trajectory.instants": Limit(1e-3, "m, rad", "body and joint commands pass every instant"),
     "trajectory.joint_bounds": Limit(1e-6, "rad", "commanded and standing angles within bounds"),
-    "trajectory.joint_speed": Limit(1e-6, "rad/s", "joint speeds within their limits"),
+    "speed.limit": Limit(1e-6, "rad/s", "joint speeds within their limits"),
     "trajectory.reach": Limit(1e-6, "m", "standing toes stay within reach of the moving body"),
-    "trajectory.clearance": Limit(1e-3, "m", "depth of link axes inside solids on the way"),
-    "trajectory.capsules": Limit(1e-6, "m", "and so they do on the way, swings included"),
+    "trajectory.axis_collision": Limit(1e-3, "m", "depth of link axes inside solids on the way"),
+    "trajectory.collision": Limit(
+        1e-6, "m", "links, as capsules, miss obstacles and surfaces on the way"
+    ),
     "trajectory.self_collision": Limit(1e-6, "m", "links miss other limbs and the body on the way"),
 }
 
@@ -108,22 +124,22 @@ SCAN_LIMITS = {
     "scan.grips": Limit(1e-3, "rad", "gripped sides of the raw surface within the fingers"),
     "scan.friction": Limit(1e-6, "of weight", "forces within friction of the raw normals"),
     "scan.body": Limit(1e-6, "m", "the body hull keeps its distance from raw triangles"),
-    "scan.limbs": Limit(1e-6, "m", "links, as thick as they are, miss raw triangles but at toes"),
-    "scan.trajectory": Limit(1e-6, "m", "and so they do on the way, swings included"),
+    "scan.limbs": Limit(1e-6, "m", "links, as capsules, miss raw triangles but at toes"),
+    "scan.trajectory": Limit(1e-6, "m", "links, as capsules, miss raw triangles on the way"),
 }
 
 # Made beside these for feet of finite size. Lifting and setting down, a foot may go into a surface
 # as deep as links may: joints turn evenly between samples.
 FEET_LIMITS = {
     "limbs.feet": Limit(1e-6, "m", "feet of finite size touch what is solid, and no more"),
-    "trajectory.feet": Limit(1e-3, "m", "and so they do on the way, swings included"),
+    "trajectory.feet": Limit(1e-3, "m", "feet of finite size touch no more than that on the way"),
 }
 
 # Made beside these for flat feet.
 SOLE_LIMITS = {
     "force.corners": Limit(1e-9, "of weight", "forces at corners of soles add up to feet's forces"),
     "force.soles": Limit(1e-6, "m", "centres of pressure inside soles"),
-    "trajectory.soles": Limit(1e-4, "m", "and so they are on the way"),
+    "trajectory.soles": Limit(1e-4, "m", "centres of pressure inside soles on the way"),
     "robust.sole": Limit(0, "", "centres of pressure inside soles by so much of their half sizes"),
 }
 
@@ -132,20 +148,22 @@ GRIP_LIMITS = {
     "grip.data": Limit(0, "", "grippers, holds and model of spines out of their range"),
     "grip.model": Limit(1e-9, "", "the model of spines is the one that is named (relative)"),
     "grip.spines": Limit(1e-6, "N", "spines count at the model's lower confidence bound"),
-    "grip.press": Limit(1e-6, "of weight", "no palm or finger pulls on what it touches"),
+    "grip.unilateral": Limit(1e-6, "of weight", "no palm or finger pulls on what it touches"),
     "grip.shear": Limit(1e-6, "of weight", "shear within (mu f_n + spines) / S_mu, by finger"),
     "grip.force": Limit(1e-6, "N", "gripping force within its limit over S_tau"),
     "grip.moment": Limit(1e-6, "N m", "no moment about the fingers' axis, none without contact"),
     "grip.apart": Limit(1e-6, "m", "grippers that hold on, as thick as limbs, do not overlap"),
     "grip.pull_out": Limit(1e-6, "of weight", "the stored pull-out margins are those of the grips"),
     "robust.pull": Limit(0, "N", "grips hold so much further pull, without S_mu"),
-    "wrist.square": Limit(1e-6, "", "wrists hold grippers square on their holds"),
+    "wrist.alignment": Limit(1e-6, "", "wrists hold grippers square on their holds"),
     "wrist.bounds": Limit(1e-6, "rad", "wrist angles within their bounds"),
     "wrist.from_forces": Limit(1e-6, "N m", "wrist torques are those of forces and moments"),
     "wrist.torque": Limit(1e-6, "of limit", "wrist torques within the limit over S_tau"),
-    "trajectory.grip": Limit(1e-4, "of weight", "shear of palms and fingers on the way is held"),
+    "trajectory.grip_shear": Limit(
+        1e-4, "of weight", "shear of palms and fingers on the way is held"
+    ),
     "trajectory.contact_force": Limit(1e-4, "of weight", "stored forces are those of commands"),
-    "trajectory.gripping": Limit(1e-4, "N", "gripping force on the way within its limit"),
+    "trajectory.grip_force": Limit(1e-4, "N", "gripping force on the way within its limit"),
     "trajectory.wrist_torque": Limit(1e-4, "of limit", "wrist torques on the way within limits"),
     "trajectory.wrist_bounds": Limit(1e-6, "rad", "wrist angles on the way within bounds"),
 }

@@ -61,4 +61,4 @@ def check_spec_differences(user_spec: HeldSpec) -> Check:
     """Check that no key differs that the plan's other checks do not evaluate."""
     broken = user_spec.broken
     place = str(broken[0]) if broken else ""
-    return Check("spec.held", float(len(broken)), 0.0, "", not broken, "", place)
+    return Check("spec.differences", float(len(broken)), 0.0, "", not broken, "", place)

@@ -88,7 +88,7 @@ def _check_file(plan: ProgramPlan, user_spec: HeldSpec | None) -> Iterator[Check
             )
     objective, bound = plan.objective[answered_rows], plan.bound[answered_rows]
     above = np.maximum(bound - objective, 0.0) / np.maximum(np.abs(objective), 1.0)
-    yield _check_worst("file.bound", above, _OBJECTIVE, "relative", answered_rows)
+    yield _check_worst("solution.bound", above, _OBJECTIVE, "relative", answered_rows)
     reached = np.array([relative_gap(f, b) for f, b in zip(objective, bound, strict=True)])
     same = np.isclose(plan.gap[answered_rows], reached, 1e-6, 1e-9)
     yield _check_worst("file.gap", np.where(same, 0.0, np.inf), 0.0, "", answered_rows)
@@ -96,7 +96,7 @@ def _check_file(plan: ProgramPlan, user_spec: HeldSpec | None) -> Iterator[Check
         proved = np.array([plan.status[row] == "optimal" for row in answered_rows], bool)
         max_gap = spec.solver.gap + 1e-9
         yield _check_worst(
-            "file.optimal", reached[proved], max_gap, "relative", answered_rows[proved]
+            "solution.gap", reached[proved], max_gap, "relative", answered_rows[proved]
         )
 
 
@@ -176,7 +176,7 @@ def _check_blocks(plan: ProgramPlan, problem: Problem) -> Iterator[Check]:
         yield _check_worst(name, np.array(values), plan.tolerance, units[name], answered_rows)
     stored = plan.objective[answered_rows]
     deviation = np.abs(np.array(objectives) - stored) / np.maximum(np.abs(stored), 1.0)
-    yield _check_worst("objective", deviation, _OBJECTIVE, "relative", answered_rows)
+    yield _check_worst("file.objective", deviation, _OBJECTIVE, "relative", answered_rows)
 
 
 def _check_worst(name: str, residual: Array, limit: float, unit: str, rows: IntArray) -> Check:

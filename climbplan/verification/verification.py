@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.deprecation import current_check_name
 from climbplan.errors import UnsoundPlan
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import update_store, write_json, write_text
@@ -143,6 +144,18 @@ class Verification:
     def failed(self) -> tuple[Check, ...]:
         """The checks that failed."""
         return tuple(check for check in self.checks if not check.passed)
+
+    def check(self, name: str) -> Check:
+        """Return the check of a name, such as "force.friction"; old names of checks work, too.
+
+        Raises:
+            KeyError: The plan has no such check; the message lists those that it has.
+        """
+        checks = {check.name: check for check in self.checks}
+        name = current_check_name(name, checks)
+        if name not in checks:
+            raise KeyError(f"no check {name!r}: expected one of {', '.join(checks)}")
+        return checks[name]
 
     @property
     def unsound(self) -> Check | None:

@@ -11,7 +11,10 @@ import climbplan
 from climbplan import errors
 from climbplan.bookshelf.check.plan_checks import LIMITS as SHELF
 from climbplan.bookshelf.check.plan_checks import MEANINGS
+from climbplan.datasets.check.verification import MEANINGS as DATASETS
+from climbplan.deprecation import RENAMED_CHECKS
 from climbplan.limms.check.limits import LIMITS as MODULES
+from climbplan.limms.check.limits import MASS_LIMITS
 from climbplan.solvers.registry import BACKENDS
 from climbplan.verification.check import (
     FEET_LIMITS,
@@ -22,8 +25,8 @@ from climbplan.verification.check import (
     SHIFT_LIMITS,
     SOLE_LIMITS,
 )
+from climbplan.walking.check.checker import LEG_LIMITS, LOOP_LIMITS
 from climbplan.walking.check.checker import LIMITS as WALK
-from climbplan.walking.check.checker import LOOP_LIMITS
 from climbplan.walking.check.plan_checks import LIMITS as WALK_PLAN
 
 RETURNED = (
@@ -76,15 +79,16 @@ def checks_page() -> str:
         | SCAN_LIMITS
         | FEET_LIMITS
         | SOLE_LIMITS,
-        "Walks": {**WALK_PLAN, **WALK, **LOOP_LIMITS},
-        "Modules": MODULES,
+        "Walks": {**WALK_PLAN, **WALK, **LEG_LIMITS, **LOOP_LIMITS},
+        "Modules": {**MODULES, **MASS_LIMITS},
         "Bookshelf": SHELF,
     }
     lines = [
         "# Checks",
         "",
         "`climbplan verify` recomputes these constraints. Reports, `report.json` and",
-        "`Plan.verify().checks` use the same names. The limit is the largest residual that passes.",
+        "`Plan.verify().checks` use the same names; `Plan.verify().check(name)` returns one. The",
+        "limit is the largest residual that passes.",
         "Which checks apply depends on the spec; [plan files](guides/store.md) explains badges and",
         "levels.",
         "",
@@ -101,6 +105,14 @@ def checks_page() -> str:
         "And of each placement, to 0.01 mm in the meaning `contact`:",
         "",
         wrapped_table("stacked checks", ("check", "what holds"), of_books),
+        "## Datasets",
+        "",
+        table(("check", "what holds"), [(f"`{name}`", text) for name, text in DATASETS.items()]),
+        "## Old names",
+        "",
+        "`Verification.check` and `CheckReport[...]` take these with a warning.",
+        "",
+        table(("old", "new"), [(f"`{old}`", f"`{new}`") for old, new in RENAMED_CHECKS.items()]),
     ]
     return "\n".join(lines)
 

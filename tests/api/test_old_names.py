@@ -9,8 +9,16 @@ import pytest
 
 import climbplan
 from climbplan import errors
+from climbplan.deprecation import RENAMED_CHECKS
+from climbplan.limms.check.limits import LIMITS as MODULES
+from climbplan.limms.check.limits import MASS_LIMITS
 from climbplan.program.problem import Problem
+from climbplan.program.residuals import BlockResidual, CheckReport
 from climbplan.program.statement import Program
+from climbplan.verification.check import GRIP_LIMITS, LIMITS, judge
+from climbplan.verification.verification import Verification
+from climbplan.walking.check.checker import LEG_LIMITS, LOOP_LIMITS
+from climbplan.walking.check.checker import LIMITS as WALKS
 
 
 @pytest.mark.parametrize(
@@ -63,3 +71,30 @@ def test_old_methods_warn_and_return_what_the_new_ones_do() -> None:
     with pytest.warns(FutureWarning, match=r"`Solution.method` is now `Solution.method_name`"):
         assert solution.method.startswith(solution.method_name)
     assert np.allclose(solution["x"], 0.0)
+
+
+def test_a_check_is_found_by_either_name() -> None:
+    verification = Verification((judge("force.penetration", 0.0), judge("goal.position", 0.0)))
+    assert verification.check("goal.position").name == "goal.position"
+    with pytest.warns(FutureWarning, match=r"`force.inward` is now `force.penetration`") as warned:
+        assert verification.check("force.inward").name == "force.penetration"
+    assert warned[0].filename == __file__
+    with pytest.raises(KeyError, match=r"no check 'joint.range': expected one of force.pen"):
+        verification.check("joint.range")  # the plan does not have the new one either
+
+
+def test_a_block_is_found_by_either_name() -> None:
+    report = CheckReport((BlockResidual("limbs.axis_collision", 0.0, "m", ()),), 0.0)
+    with pytest.warns(FutureWarning, match=r"`limbs.clearance` is now `limbs.axis_collision`"):
+        assert report["limbs.clearance"].unit == "m"
+    mine = CheckReport((BlockResidual("objective", 0.0, "", ()),), 0.0)
+    assert mine["objective"].name == "objective"  # a block of the user's own keeps its name
+
+
+def test_no_check_has_an_old_name() -> None:
+    tables = (LIMITS, GRIP_LIMITS, MODULES, MASS_LIMITS, WALKS, LEG_LIMITS, LOOP_LIMITS)
+    names = {name for table in tables for name in table}
+    assert not names & set(RENAMED_CHECKS)
+    elsewhere = {"file.objective", "solution.bound", "solution.gap", "solution.consistency"}
+    elsewhere |= {"spec.differences"}
+    assert set(RENAMED_CHECKS.values()) <= names | elsewhere

@@ -23,7 +23,7 @@ def test_a_walk_by_methods_of_the_table(method: str) -> None:
     report = found.check()
     names = {block.name for block in report.blocks}
     # The statement's blocks, and those of the checker of walks under the same names
-    assert {"dynamics", "force.friction", "workspace.whole_stance"} <= names
+    assert {"dynamics", "force.friction", "workspace.over_stance"} <= names
     assert {"own.dynamics.attitude", "own.force.friction", "own.workspace.whole_stance"} <= names
     assert report.passed(1e-6)
 

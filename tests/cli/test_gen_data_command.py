@@ -109,7 +109,7 @@ def test_verify_report_and_export_know_datasets(dataset: Path, run_command: RunC
     ("name", "check"),
     [
         ("solution/pose", "book."),
-        ("objective", "solution.objective"),
+        ("objective", "file.objective"),
         ("integers", "rows.integers"),
         ("solution/slot", "solution.slot"),
     ],

@@ -34,7 +34,7 @@ def test_report_verify_export(run_command: RunCommand, workplace: Path) -> None:
     assert len(report["gait"]["contact"]) == 9
     figures = {path.name for path in (workplace / "walk" / "figures").iterdir()}
     assert figures == {"tracking.png", "gait.png", "snapshots.png"}
-    assert "dynamics.spin" in run_command("verify", "walk").out
+    assert "dynamics.angular_velocity" in run_command("verify", "walk").out
     assert run_command("export", "walk").out == "walk/walk.csv\n"
     with h5py.File(workplace / "walk" / "plan.h5", "r+") as file:
         file["force"][0, 0, 2] += 1.0

@@ -73,7 +73,7 @@ def test_a_plan_of_the_same_spec_passes(run_command: RunCommand, own: Path, made
         ("terrain.walls.gap=1.22", "terrain.walls.gap", "terrain.spec"),
         ("terrain.friction=1.2", "terrain.friction", "terrain.spec"),
         ("task.payload.mass=0", "task.payload.mass", "file.spec_values"),
-        ("posture.limb_clearance=0.001", "posture.limb_clearance", "spec.held"),
+        ("posture.limb_clearance=0.001", "posture.limb_clearance", "spec.differences"),
     ],
 )
 def test_a_laxened_plan_passes_alone_and_fails_against_the_users_spec(

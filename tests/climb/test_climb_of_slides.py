@@ -100,9 +100,9 @@ def test_plans_are_verified_from_the_file_alone(plan: ClimbPlan, stored: Path) -
     [
         ("robot/chain/slide_zero", (0, 2, 0), None),
         ("robot/chain/drive", (0, 3, 2), "robot.spec"),
-        ("instants/joint_angles", (0, 0, 2), "kinematics.toes"),
-        ("instants/joint_torques", (1, 1, 2), "torque.from_angles"),
-        ("robot/joint_stiffness", (0, 2), "stiffness.relation"),
+        ("instants/joint_angles", (0, 0, 2), "kinematics.forward"),
+        ("instants/joint_torques", (1, 1, 2), "torque.from_forces"),
+        ("robot/joint_stiffness", (0, 2), "stiffness.force_deflection"),
     ],
 )
 def test_changed_numbers_are_found(

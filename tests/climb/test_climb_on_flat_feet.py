@@ -87,7 +87,7 @@ def test_what_is_wrong_with_soles_is_found(made: ClimbPlan) -> None:
     assert pushes is not None
     assert made.robot.sole is not None
     swapped = replace(made, forces=replace(made.forces, corner_force=pushes[:, :, [1, 0, 3, 2]]))
-    assert {"force.equilibrium", "torque.from_angles"} <= failed(swapped)
+    assert {"force.equilibrium", "torque.from_forces"} <= failed(swapped)
     more = replace(made, forces=replace(made.forces, corner_force=1.01 * pushes))
     assert "force.corners" in failed(more)
     # A sole that turned under the same toe
@@ -98,7 +98,7 @@ def test_what_is_wrong_with_soles_is_found(made: ClimbPlan) -> None:
     # A narrower one, pressed with the same forces: their moments are others
     foot = replace(made.robot.foot, sole=replace(made.robot.sole, width=0.05))
     narrow = replace(made, robot=replace(made.robot, foot=foot))
-    assert {"force.equilibrium", "torque.from_angles"} <= failed(narrow)
+    assert {"force.equilibrium", "torque.from_forces"} <= failed(narrow)
     # All pressure at one corner but a pull at another one
     pulled = pushes.copy()
     pulled[0, :, 0, 2] += 2 * pulled[0, :, 1, 2]

@@ -161,7 +161,7 @@ def bent(file: h5py.File) -> None:
     ("change", "check"),
     [
         (shifted, "robot.data"),
-        (turned, "kinematics.toes"),
+        (turned, "kinematics.forward"),
         (pressed, "static.pose"),
         (bent, "static.pose"),
     ],

@@ -46,7 +46,7 @@ def test_grips_hold_their_margin_at_no_cost_of_torque(bare: ClimbPlan) -> None:
     assert verification.fragile == ()
     names = {check.name for check in verification.checks}
     assert {"robust.pull", "robust.slip"} <= names
-    assert not {"robust.pressure", "robust.depth"} & names
+    assert not {"robust.normal_force", "robust.depth"} & names
     assert not any(check.name.startswith("robust.") for check in verify_plan(bare).checks)
 
 

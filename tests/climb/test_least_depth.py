@@ -97,7 +97,7 @@ def test_file_is_checked_against_its_spec(tmp_path: Path) -> None:
     write_climb(plan, path)
     good = verify(path)
     assert good.passed
-    (check,) = [c for c in good.checks if c.name == "force.inward"]
+    (check,) = [c for c in good.checks if c.name == "force.penetration"]
     least = float(check.margin.split(" mm")[0])
     assert least >= 4.0
     text = plan.spec_text.replace(
@@ -106,7 +106,7 @@ def test_file_is_checked_against_its_spec(tmp_path: Path) -> None:
     assert text != plan.spec_text
     more = replace(plan, spec_text=text, spec_sha256=hashlib.sha256(text.encode()).hexdigest())
     write_climb(more, path)
-    assert [c.name for c in verify(path).failed] == ["force.inward"]
+    assert [c.name for c in verify(path).failed] == ["force.penetration"]
 
 
 def test_commands_outside_are_told_where_nothing_is_asked(tmp_path: Path) -> None:
@@ -115,7 +115,7 @@ def test_commands_outside_are_told_where_nothing_is_asked(tmp_path: Path) -> Non
     )
     path = tmp_path / "plan.h5"
     write_climb(plan, path)
-    (check,) = [c for c in verify(path).checks if c.name == "force.inward"]
+    (check,) = [c for c in verify(path).checks if c.name == "force.penetration"]
     assert not check.judged
     assert "not asked" in check.margin
     assert "commands outside" in check.margin

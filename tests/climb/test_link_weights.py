@@ -103,7 +103,7 @@ def test_plans_balance_links_where_they_are(plan: ClimbPlan, tmp_path: Path) -> 
     assert np.linalg.norm(centre, axis=1).max() > 0.01
     weightless = replace(plan, robot=replace(plan.robot, links=None))
     failed = {check.name for check in verify_plan(weightless).failed}
-    assert {"force.equilibrium", "trajectory.command", "torque.from_angles"} <= failed
+    assert {"force.equilibrium", "trajectory.command", "torque.from_forces"} <= failed
     path = tmp_path / "plan.h5"
     write_climb(plan, path)
     again = read_climb(path)
@@ -115,7 +115,7 @@ def test_plans_balance_links_where_they_are(plan: ClimbPlan, tmp_path: Path) -> 
 
 @pytest.mark.parametrize(
     ("dataset", "failing"),
-    [("robot/links/middle", "robot.spec"), ("instants/link_torques", "torque.from_angles")],
+    [("robot/links/middle", "robot.spec"), ("instants/link_torques", "torque.from_forces")],
 )
 def test_other_numbers_of_links_are_found(
     plan: ClimbPlan, tmp_path: Path, dataset: str, failing: str

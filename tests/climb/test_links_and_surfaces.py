@@ -144,7 +144,7 @@ def test_a_link_in_the_wall_that_its_toe_stands_on_fails(climb: ClimbPlan) -> No
     hips = capsules.joint == 0
     thick = replace(capsules, radius=np.where(hips, 0.12, capsules.radius))
     plan = replace(climb, robot=replace(climb.robot, capsules=thick))
-    check = next(c for c in check_clearance(build_subject(plan)) if c.name == "limbs.capsules")
+    check = next(c for c in check_clearance(build_subject(plan)) if c.name == "limbs.collision")
     assert not check.passed
     assert "hip_joint and " in check.worst_at
     assert check.worst_at.endswith(("left", "right"))

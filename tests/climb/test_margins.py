@@ -152,7 +152,7 @@ def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> Non
     assert kept.fragile == ()
     names = {check.name for check in kept.checks if check.name.startswith("robust.")}
     assert names == {
-        f"robust.{x}" for x in ("pressure", "friction", "slip", "depth", "torque", "stiffness")
+        f"robust.{x}" for x in ("normal_force", "friction", "slip", "depth", "torque", "stiffness")
     }
     weak = replace(standing.robot, max_torque=0.55 * standing.robot.max_torque)
     tired = verify_plan(replace(standing, robot=weak)).fragile

@@ -79,10 +79,10 @@ def test_open_grippers_lack_pull() -> None:
     first = str(caught.value.conflicts[0])
     assert first.startswith("round 1, LF lifted: with open grippers pull towards the surface")
     assert "N at RF" in first
-    assert "[grip.press, grip.shear]" in first
-    assert {"grip.press", "grip.shear", "torque.limit", "wrist.torque"} <= set(GRIP_LIMITS) | set(
-        LIMITS
-    )
+    assert "[grip.unilateral, grip.shear]" in first
+    assert {"grip.unilateral", "grip.shear", "torque.limit", "wrist.torque"} <= set(
+        GRIP_LIMITS
+    ) | set(LIMITS)
     # The least gripping force that is said to do, does.
     needed = float(text.split("gripping force >= ")[1].split(" N")[0])
     plan_climb(load_climb(WALL, [f"gripper.max_force={needed}", *SHORT]))
@@ -119,13 +119,13 @@ def test_risk_and_model_decide_what_spines_hold(tmp_path: Path) -> None:
     ("dataset", "entry", "check"),
     [
         ("grips/instants/grip", (3, 0), "grip.force"),
-        ("grips/instants/palm", (3, 0, 1), "grip.press"),
+        ("grips/instants/palm", (3, 0, 1), "grip.unilateral"),
         ("grips/instants/moment", (3, 0, 2), "force.equilibrium"),
         ("grips/spines", (5,), "grip.spines"),
         ("grips/pull_margin", (3, 1), "grip.pull_out"),
-        ("grips/wrist_angles", (3, 1, 2), "wrist.square"),
+        ("grips/wrist_angles", (3, 1, 2), "wrist.alignment"),
         ("grips/wrist_torque", (3, 1, 0), "wrist.from_forces"),
-        ("grips/trajectory/grip", (40, 1), "trajectory.gripping"),
+        ("grips/trajectory/grip", (40, 1), "trajectory.grip_force"),
         ("grips/trajectory/force", (40, 1, 1), "trajectory.contact_force"),
         ("robot/gripper/wrist_max_torque", (0,), "wrist.torque"),
         ("robot/gripper/wrist_upper", (2,), "wrist.bounds"),

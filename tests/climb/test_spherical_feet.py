@@ -79,7 +79,7 @@ def test_feet_of_another_size_are_found(made: ClimbPlan) -> None:
         terrain=replace(made.terrain, surfaces=surfaces),
     )
     wrong = failed(other)
-    assert {"robot.spec", "terrain.spec", "force.equilibrium", "torque.from_angles"} <= wrong
+    assert {"robot.spec", "terrain.spec", "force.equilibrium", "torque.from_forces"} <= wrong
 
 
 def test_stated_toes_are_where_feet_touch(spec: Path) -> None:

@@ -243,7 +243,7 @@ def test_what_conflicts_is_named() -> None:
     assert "speed on the ground" in said
     assert "force" not in said
     (conflict,) = refused.value.conflicts
-    assert conflict.names[:2] == ("goal.reached", "ground.speed")
+    assert conflict.names[:2] == ("goal.position", "ground.speed")
     assert said.splitlines()[1].endswith(f"[{', '.join(conflict.names)}]")
     # It comes far nearer than it begins, 1.35 m off
     off = re.search(r"goal, (\S+) m off in the best plan seen", said)

@@ -119,7 +119,7 @@ def test_blocks_have_the_names_of_the_checks(name: str) -> None:
     block = MixedIntegerBlock(build_problem(scene(name), 4))
     names = set(block.rows.names.names)
     assert names - OWN <= set(LIMITS)
-    assert {"box.dynamics", "latch.moment", "force.limit", "joint.speed"} <= names
+    assert {"box.dynamics", "latch.moment", "force.limit", "speed.limit"} <= names
 
 
 def test_a_spoiled_answer_is_off_in_the_block_that_was_spoiled() -> None:
@@ -132,15 +132,15 @@ def test_a_spoiled_answer_is_off_in_the_block_that_was_spoiled() -> None:
     c = block.columns
     k = int(np.flatnonzero(np.round(found.x[c.box[HELD]]))[0])  # the box is held
     for columns, name in (
-        (c.in_mode[0, k], "box.motion"),
+        (c.in_mode[0, k], "box.kinematics"),
         (c.hold[:, :, k].ravel(), "logic.rule_5"),
-        (c.goal_error, "goal.reached"),
+        (c.goal_error, "goal.position"),
     ):
         x = found.x.copy()
         x[columns] = 0.0 if name == "logic.rule_5" else x[columns] - 0.5
         off = {each.name for each in block.rows.residuals(x) if each.residual > 0.01}
         assert name in off
-        assert "kinematics.points" not in off
+        assert "kinematics.forward" not in off
 
 
 def test_a_block_is_loosened_and_holds_again() -> None:
@@ -150,9 +150,9 @@ def test_a_block_is_loosened_and_holds_again() -> None:
     block = MixedIntegerBlock(build_problem(replace(stiff, module=module), 6))
     block.fix_behaviour("arms")
     assert block.find_feasible(20.0).status == "infeasible"
-    block.relax_rows("joint.range")
+    block.relax_rows("kinematics.joint_bounds")
     assert block.find_feasible(20.0).goal_error <= GOAL_TOLERANCE
-    block.restore_rows("joint.range")
+    block.restore_rows("kinematics.joint_bounds")
     again = block.find_feasible(20.0)
     assert again.status == "infeasible"
     assert GOAL_TOLERANCE < again.goal_error < np.inf  # of the best plan seen

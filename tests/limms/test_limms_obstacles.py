@@ -66,13 +66,13 @@ def test_checker_finds_what_reaches_into_obstacles(over: LimmsPlan, tmp_path: Pa
     taller = read(tmp_path, ROOM.replace("0.2, 0.4]", "0.2, 0.6]"))
     solids = build_scene(taller).solids
     failed = {check.name for check in verify_plan(replace(over, solids=solids)).failed}
-    assert {"clear.box", "file.spec_values"} <= failed
+    assert {"box.collision", "file.spec_values"} <= failed
     # Right where the elbow is, a block that the box does not come to
     moment = int(np.argmax(over.motion.time >= 0.5 * over.motion.time[-1]))
     elbow = over.motion.joint_position[moment, 0, 3]
     block = np.array([[elbow - 0.01, elbow + 0.01]])
     hit = verify_plan(replace(over, solids=np.concatenate([over.solids, block])))
-    assert "clear.solids" in {check.name for check in hit.failed}
+    assert "limbs.collision" in {check.name for check in hit.failed}
 
 
 def test_modules_drive_round_obstacles(tmp_path: Path) -> None:

@@ -49,14 +49,14 @@ def test_forces_and_motion_that_disagree_are_found(throw: LimmsPlan) -> None:
     assert "force.limit" in failing(tampered(throw, force=3 * throw.motion.force))
     free = throw.motion.force.copy()
     free[throw.motion.box_mode[:, 0] == 2, 0, 1, 2] = 1.0
-    assert {"force.unattached", "box.dynamics"} <= failing(tampered(throw, force=free))
+    assert {"force.without_contact", "box.dynamics"} <= failing(tampered(throw, force=free))
 
 
 def test_modes_that_break_the_rules_are_found(throw: LimmsPlan) -> None:
     mode = throw.motion.mode.copy()
     mode[mode == 2] = 1
     # An arm that calls itself free: rules 5, 6 and 8, and no end on the ground
-    names = {"logic.rule_5", "logic.rule_6", "logic.rule_8", "ground.free"}
+    names = {"logic.rule_5", "logic.rule_6", "logic.rule_8", "ground.support"}
     assert names <= failing(tampered(throw, mode=mode))
     box_mode = throw.motion.box_mode.copy()
     box_mode[box_mode == 3] = 4
@@ -69,40 +69,40 @@ def test_modes_that_break_the_rules_are_found(throw: LimmsPlan) -> None:
 def test_joints_and_places_that_are_off_are_found(throw: LimmsPlan) -> None:
     angles = throw.motion.joint_angles.copy()
     angles[200] += 1e-3
-    assert "kinematics.points" in failing(tampered(throw, joint_angles=angles))
+    assert "kinematics.forward" in failing(tampered(throw, joint_angles=angles))
     slow = {**throw.module, "max_joint_speed": 2.0}
-    assert "joint.speed" in failing(replace(throw, module=slow))
+    assert "speed.limit" in failing(replace(throw, module=slow))
     stiff = {**throw.module, "joint_range": [0.2] * 6}
-    assert "joint.range" in failing(replace(throw, module=stiff))
+    assert "kinematics.joint_bounds" in failing(replace(throw, module=stiff))
     weak = {**throw.module, "latch_moment": 0.1}
     assert "latch.moment" in failing(replace(throw, module=weak))
     long = {**throw.module, "latch_dwell": 60.0}
     assert "latch.dwell" in failing(replace(throw, module=long))
     far = throw.goal.copy()
     far[0, 2] += 0.01
-    assert {"goal.reached", "file.spec_values"} <= failing(replace(throw, goal=far))
+    assert {"goal.position", "file.spec_values"} <= failing(replace(throw, goal=far))
 
 
 def test_collisions_are_found(throw: LimmsPlan) -> None:
     # A block right where the arm swings, and one in the way of the box
     points = throw.motion.joint_position[300, 0, 3]
     arm = np.array([[points - 0.02, points + 0.02]])
-    assert "clear.solids" in failing(replace(throw, solids=np.concatenate([throw.solids, arm])))
+    assert "limbs.collision" in failing(replace(throw, solids=np.concatenate([throw.solids, arm])))
     way = throw.motion.box_position[-5, 0]
     block = np.array([[way - 0.02, way + 0.02]])
-    assert "clear.box" in failing(replace(throw, solids=np.concatenate([throw.solids, block])))
+    assert "box.collision" in failing(replace(throw, solids=np.concatenate([throw.solids, block])))
     thick = {**throw.module, "radius": 0.2}
-    assert "clear.self" in failing(replace(throw, module=thick))
+    assert "limbs.self_collision" in failing(replace(throw, module=thick))
 
 
 def test_arrival_and_samples(throw: LimmsPlan) -> None:
     assert "goal.speed" in failing(replace(throw, arrival_speed=0.5))
     time = throw.motion.time.copy()
     time[100:] += 0.05
-    assert "samples.rate" in failing(tampered(throw, time=time))
+    assert "trajectory.rate" in failing(tampered(throw, time=time))
     velocity = throw.motion.box_velocity.copy()
     velocity[-20:] += 0.01
-    assert "box.motion" in failing(tampered(throw, box_velocity=velocity))
+    assert "box.kinematics" in failing(tampered(throw, box_velocity=velocity))
 
 
 def test_other_files_are_refused(tmp_path: Path) -> None:

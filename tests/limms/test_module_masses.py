@@ -112,7 +112,7 @@ def test_a_plan_without_masses_tells_what_they_would_need(throw: LimmsPlan) -> N
     by_name = {check.name: check.as_dict() for check in found.checks}
     assert by_name["load.force"]["holds"] == 20
     assert by_name["load.moment"]["holds"] == pytest.approx(0.7)
-    for name in ("load.force", "load.moment", "load.tip", "load.torque"):
+    for name in ("load.force", "load.moment", "load.tipping", "load.torque"):
         told_of = by_name[name]
         over = told_of["needed"] - told_of["holds"]
         assert told_of["residual"] == pytest.approx(over)
@@ -123,7 +123,7 @@ def test_a_plan_without_masses_tells_what_they_would_need(throw: LimmsPlan) -> N
 def test_the_same_plan_fails_where_masses_count(throw: LimmsPlan) -> None:
     heavy = replace(throw, massless=False)
     failed = {check.name for check in verify_plan(heavy).failed}
-    assert {"load.force", "load.moment", "load.tip", "load.torque"} <= failed
+    assert {"load.force", "load.moment", "load.tipping", "load.torque"} <= failed
     assert "file.spec_values" in failed  # its spec says massless
 
 
@@ -242,7 +242,7 @@ def test_legs_and_chains_keep_every_limit_on_stronger_hardware(
     verification = verify_plan(plan)
     assert verification.passed
     judged = {check.name for check in verification.checks if check.judged}
-    assert {"load.force", "load.moment", "load.ground", "load.tip", "load.torque"} <= judged
+    assert {"load.force", "load.moment", "load.friction", "load.tipping", "load.torque"} <= judged
 
 
 @pytest.mark.parametrize(

@@ -15,10 +15,10 @@ from climbplan.limms.plan.limms_plan import LimmsPlan
 @pytest.mark.parametrize(
     ("field", "change", "place", "check"),
     [
-        ("joint_velocity", 2.0, 0.4, "joint.rates"),
-        ("joint_velocity", -0.5, 0.0, "joint.rates"),
-        ("box_yaw_acceleration", 0.01, 1.0, "box.motion"),
-        ("ground_end", 0.0, 0.4, "samples.continuous"),
+        ("joint_velocity", 2.0, 0.4, "kinematics.joint_velocity"),
+        ("joint_velocity", -0.5, 0.0, "kinematics.joint_velocity"),
+        ("box_yaw_acceleration", 0.01, 1.0, "box.kinematics"),
+        ("ground_end", 0.0, 0.4, "trajectory.continuity"),
     ],
 )
 def test_one_changed_entry_is_noticed(

@@ -213,11 +213,11 @@ def test_a_yaw_that_is_not_the_motions_is_found(turned: LimmsPlan) -> None:
     motion = turned.motion
     # All of it elsewhere: latches are not where they are said to be, nor is the goal
     off = failing(tampered(turned, box_yaw=motion.box_yaw + 0.1))
-    assert {"goal.turned", "file.spec_values", "latch.rotation", "latch.position"} <= off
+    assert {"goal.rotation", "file.spec_values", "latch.rotation", "latch.position"} <= off
     # A little, for a moment
     middle = motion.box_yaw.copy()
     middle[len(middle) - 40] += 1e-3
-    assert {"box.motion", "latch.rotation"} <= failing(tampered(turned, box_yaw=middle))
+    assert {"box.kinematics", "latch.rotation"} <= failing(tampered(turned, box_yaw=middle))
     # As if it had never turned
     unturned = tampered(
         turned,
@@ -225,30 +225,30 @@ def test_a_yaw_that_is_not_the_motions_is_found(turned: LimmsPlan) -> None:
         box_yaw_rate=0 * motion.box_yaw,
         box_yaw_acceleration=0 * motion.box_yaw,
     )
-    assert {"goal.turned", "latch.rotation", "latch.position"} <= failing(unturned)
-    assert "box.motion" in failing(tampered(turned, box_yaw_rate=1.01 * motion.box_yaw_rate))
+    assert {"goal.rotation", "latch.rotation", "latch.position"} <= failing(unturned)
+    assert "box.kinematics" in failing(tampered(turned, box_yaw_rate=1.01 * motion.box_yaw_rate))
     faster = tampered(turned, box_yaw_acceleration=1.01 * motion.box_yaw_acceleration)
     told = failing(replace(faster, goal_yaw=np.array([1.5])))
-    assert {"box.motion", "goal.turned", "file.spec_values"} <= told
+    assert {"box.kinematics", "goal.rotation", "file.spec_values"} <= told
 
 
 def test_anchors_of_a_box_turn_with_it(turned: LimmsPlan) -> None:
     moved = turned.motion.anchor_position.copy()
     moved[-1, 2, 0] += 1e-3
-    assert failing(tampered(turned, anchor_position=moved)) == {"box.motion"}
+    assert failing(tampered(turned, anchor_position=moved)) == {"box.kinematics"}
 
 
 def test_a_box_that_keeps_its_yaw_may_not_turn(throw: LimmsPlan) -> None:
     yaw = throw.motion.box_yaw.copy()
     yaw[-30:-20] = 0.01
-    assert "goal.turned" in failing(tampered(throw, box_yaw=yaw))
+    assert "goal.rotation" in failing(tampered(throw, box_yaw=yaw))
 
 
 def test_nothing_turns_a_box_in_flight(throw: LimmsPlan) -> None:
     faster = throw.motion.box_yaw_acceleration.copy()
     faster[throw.motion.box_mode[:, 0] == 2] = 5.0
     found = failing(tampered(throw, box_yaw_acceleration=faster))
-    assert {"box.moment", "box.motion"} <= found
+    assert {"box.moment", "box.kinematics"} <= found
 
 
 def test_latches_feel_what_turns_the_box(turned: LimmsPlan) -> None:
@@ -298,7 +298,7 @@ def test_a_thrown_box_goes_on_turning() -> None:
     # What is let go of keeps its spin: a yaw that runs otherwise is no flight
     slower = plan.motion.box_yaw.copy()
     slower[np.flatnonzero(flown)[5:]] -= 0.01
-    assert {"box.motion", "goal.turned"} <= failing(tampered(plan, box_yaw=slower))
+    assert {"box.kinematics", "goal.rotation"} <= failing(tampered(plan, box_yaw=slower))
 
 
 @pytest.mark.slow

@@ -42,7 +42,7 @@ CHECKS = [
     check("force.friction"),
     check("terrain.spec", "failed"),
     check("torque.limit", "not judged"),
-    check("limbs.clearance"),
+    check("limbs.axis_collision"),
 ]
 
 
@@ -80,7 +80,7 @@ def test_a_field_that_nobody_gives_is_an_error() -> None:
 def test_checks_of_the_file_stand_after_what_the_robot_does() -> None:
     names = [row.name for row in build_check_rows({"verification": CHECKS}, {})]
     assert names[:2] == ["terrain.spec", "torque.limit"]  # what fails, what is not judged
-    assert names[2:] == ["force.friction", "limbs.clearance", "file.spec_hash", "robot.spec"]
+    assert names[2:] == ["force.friction", "limbs.axis_collision", "file.spec_hash", "robot.spec"]
     text = page()
     places = [text.index(f"<th>{name}") for name in names]
     assert places == sorted(places)

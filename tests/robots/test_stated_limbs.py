@@ -92,7 +92,7 @@ def test_torques_and_free_toes_at_toes_in_reach(name: str) -> None:
         if tie.lower is not None and tie.upper is not None:
             assert (rows >= tie.lower - 1e-6).all()
             assert (rows <= tie.upper + 1e-6).all()
-        if tie.name == "kinematics.toes":
+        if tie.name == "kinematics.forward":
             np.testing.assert_allclose(value(beside.rows)[:, 2], -0.05, atol=1e-8)
 
 
@@ -107,7 +107,7 @@ def test_a_limb_with_freedom_to_choose_is_told_which_angles() -> None:
     aside = np.linalg.svd(jacobian)[2][:, -1]  # (N, J) turns that leave the toe where it is
     given = {"angles": ca.DM((own["angles"] + 0.01 * aside).T), "pull": ca.DM(own["pull"].T)}
     ties = {t.name: t for t in stated.standing(numbers, ca.DM(toes.T), given).ties(0.0)}
-    assert np.abs(value(ties["kinematics.toes"].rows)).max() < 1e-3
+    assert np.abs(value(ties["kinematics.forward"].rows)).max() < 1e-3
     assert (np.abs(value(ties["kinematics.settled"].rows)).max(axis=1) > 1e-3).all()
 
 

@@ -97,7 +97,7 @@ def test_what_the_file_alone_does_not_tell_is_not_judged(original: Path) -> None
 
 
 def test_commands_off_their_surfaces_are_told_where_nothing_is_asked(original: Path) -> None:
-    (inward,) = (check for check in verify(original).checks if check.name == "force.inward")
+    (inward,) = (check for check in verify(original).checks if check.name == "force.penetration")
     assert inward.mark == "not judged"
     assert inward.residual > inward.limit
     assert inward.left_out is None  # friction there is judged by other checks

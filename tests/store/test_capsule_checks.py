@@ -101,13 +101,13 @@ def test_a_knee_closer_than_the_limb_radius_is_refused(
     knee = points[..., 2, 2]
     assert knee.max() == points[..., 2].max()  # knees are what is highest
     checks = checks_under_a_lid(climb, float(knee.max()) + gap, tmp_path / "plan.h5")
-    check = checks["limbs.capsules"]
+    check = checks["limbs.collision"]
     assert check.passed == passes
     assert check.residual == pytest.approx(RADIUS - gap, abs=1e-9)
     limb = climb.plan.robot.limb_names[int(knee.max(axis=0).argmax())]
     assert "lid" in check.worst_at
     assert f"{limb} femur" in check.worst_at or f"{limb} tibia" in check.worst_at
-    assert checks["limbs.clearance"].passed  # the axes alone are clear
+    assert checks["limbs.axis_collision"].passed  # the axes alone are clear
     if not passes:
         assert f"{1e3 * (RADIUS - gap):.1f} mm too close" in check.margin
 
@@ -117,7 +117,7 @@ def test_a_swing_closer_than_the_limb_radius_is_refused(climb: Climb, tmp_path: 
     # Clear at every instant; knees rise further while toes swing between them
     low = checks_under_a_lid(climb, float(highest) + 0.0251, tmp_path / "plan.h5")
     high = checks_under_a_lid(climb, float(highest) + 0.2, tmp_path / "other.h5")
-    assert low["limbs.capsules"].passed
-    assert high["limbs.capsules"].passed
-    assert high["trajectory.capsules"].passed
-    assert low["trajectory.capsules"].residual > high["trajectory.capsules"].residual
+    assert low["limbs.collision"].passed
+    assert high["limbs.collision"].passed
+    assert high["trajectory.collision"].passed
+    assert low["trajectory.collision"].residual > high["trajectory.collision"].residual

@@ -94,21 +94,21 @@ def test_verification_with_and_without_the_statement() -> None:
     whole = verify_program(plan, stated())
     assert whole.passed
     names = {check.name for check in whole.checks}
-    assert {"place", "up", "bounds.x", "integrality.z", "objective", "file.bound"} <= names
+    assert {"place", "up", "bounds.x", "integrality.z", "file.objective", "solution.bound"} <= names
 
 
 @pytest.mark.parametrize(
     ("change", "failed"),
     [
-        (lambda p: replace(p, x=p.x + np.array([[0.01, 0, 0]])), {"place", "objective"}),
+        (lambda p: replace(p, x=p.x + np.array([[0.01, 0, 0]])), {"place", "file.objective"}),
         (lambda p: replace(p, x=p.x + np.array([[0, 0, -0.3]])), {"integrality.z"}),
-        (lambda p: replace(p, objective=p.objective + 1), {"objective"}),
-        (lambda p: replace(p, bound=p.bound + 1), {"file.bound"}),
+        (lambda p: replace(p, objective=p.objective + 1), {"file.objective"}),
+        (lambda p: replace(p, bound=p.bound + 1), {"solution.bound"}),
         (lambda p: replace(p, parameters=p.parameters - 0.5), {"place"}),
         (lambda p: replace(p, spec_text="kind: other\n"), {"file.spec_hash", "file.spec_values"}),
         (lambda p: replace(p, tolerance=0.1), {"file.spec_values"}),
         (lambda p: replace(p, seed=4), {"file.spec_values"}),
-        (lambda p: replace(p, bound=p.bound - 1), {"file.gap", "file.optimal"}),
+        (lambda p: replace(p, bound=p.bound - 1), {"file.gap", "solution.gap"}),
         (lambda p: replace(p, gap=p.gap + 0.1), {"file.gap"}),
         (
             lambda p: replace(p, parameters=p.parameters + np.array([[0.0], [1.0]])),

@@ -167,7 +167,7 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
     "another round": (put("instants/round", 5, 2), {"gait.sequence"}),
     "no contact": (
         put("instants/contact", FIRST_STAND, False),
-        {"gait.sequence", "force.lifted_unloaded"},
+        {"gait.sequence", "force.without_contact"},
     ),
     "body step": (
         asking("posture: {steps: {com_max: 0.05}}\n", limit("com_max", 0.05)),
@@ -191,7 +191,7 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
     ),
     "goal": (
         spec_instead("-0.02, 0.2]", "-0.02, 0.25]", put("limits/goal_com", 2, 0.25)),
-        {"goal.reached", "file.objective"},
+        {"goal.position", "file.objective"},
     ),
     "goal rotation": (
         spec_instead("0.0, 4.0]", "0.0, 9.0]", put("limits/goal_rpy", 2, np.deg2rad(9.0))),
@@ -204,7 +204,7 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
     "forbidden wall": (
         put("terrain/allowed", (RM, 1), False),
         # Where a limb may not stand its tibia has to keep all of its radius
-        {"contact.allowed", "limbs.capsules", "trajectory.capsules", *TERRAIN},
+        {"contact.allowed", "limbs.collision", "trajectory.collision", *TERRAIN},
     ),
     "swapped regions": (
         put("instants/region", (1, slice(RF, RM + 1)), 0),
@@ -218,14 +218,14 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
     "friction of all": (scale("instants/mu", 2.0), {"contact.friction", "safety.stored"}),
     "joint angle of a lifted limb": (
         add("instants/joint_angles", (0, RF, 1), 1e-3),
-        {"kinematics.toes", "stiffness.joint_command"},
+        {"kinematics.forward", "stiffness.joint_command"},
     ),
     "joint angle": (
         add("instants/joint_angles", (1, RF, 1), 1e-3),
         {
-            "kinematics.toes",
-            "torque.from_angles",
-            "stiffness.relation",
+            "kinematics.forward",
+            "torque.from_forces",
+            "stiffness.force_deflection",
             "stiffness.joint_command",
         },
     ),
@@ -243,7 +243,7 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
     ),
     "scaled force": (
         scale("instants/force", 1.001, (1, RM)),
-        {"force.equilibrium", "torque.from_angles", "stiffness.relation", "safety.stored"},
+        {"force.equilibrium", "torque.from_forces", "stiffness.force_deflection", "safety.stored"},
     ),
     "pulling limb": (
         scale("instants/force", -1.0, (1, RM)),
@@ -251,8 +251,8 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
             "force.equilibrium",
             "force.unilateral",
             "force.friction",
-            "torque.from_angles",
-            "stiffness.relation",
+            "torque.from_forces",
+            "stiffness.force_deflection",
             "safety.stored",
         },
     ),
@@ -260,23 +260,26 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
         asking("force: {safety_friction: 2.0}\n", limit("safety_friction", 2.0)),
         {"force.friction", "static.friction"},
     ),
-    "commands asked deeper": (asking("force: {min_penetration: 0.05}\n"), {"force.inward"}),
-    "lifted limb pushes": (put("instants/force", (0, RF, 0), 1e-6), {"force.lifted_unloaded"}),
-    "torque": (add("instants/joint_torques", (3, RM, 2), 0.01), {"torque.from_angles"}),
+    "commands asked deeper": (asking("force: {min_penetration: 0.05}\n"), {"force.penetration"}),
+    "lifted limb pushes": (put("instants/force", (0, RF, 0), 1e-6), {"force.without_contact"}),
+    "torque": (add("instants/joint_torques", (3, RM, 2), 0.01), {"torque.from_forces"}),
     "more torque margin": (
         asking("force: {safety_torque: 4}\n", limit("safety_torque", 4.0)),
         {"torque.limit", "static.torque"},
     ),
     "softer joints": (
         scale("robot/joint_stiffness", 0.9),
-        {"stiffness.relation", "static.pose", "static.friction", "trajectory.command"},
+        {"stiffness.force_deflection", "static.pose", "static.friction", "trajectory.command"},
     ),
-    "soft joints": (scale("robot/joint_stiffness", 0.1), {"stiffness.relation", "static.pose"}),
-    "buckling joints": (soften, {"stiffness.relation", "static.stability"}),
+    "soft joints": (
+        scale("robot/joint_stiffness", 0.1),
+        {"stiffness.force_deflection", "static.pose"},
+    ),
+    "buckling joints": (soften, {"stiffness.force_deflection", "static.stability"}),
     "stiffer structure": (
         attribute("robot", "structural_compliance_share", 0.2),
         {
-            "stiffness.relation",
+            "stiffness.force_deflection",
             "static.pose",
             "static.friction",
             "trajectory.command",
@@ -289,21 +292,21 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
     ),
     "sag": (
         add("instants/com_deflection", (2, 5), 1e-4),
-        {"stiffness.relation", "file.spec_values"},
+        {"stiffness.force_deflection", "file.spec_values"},
     ),
-    "toe command": (add("instants/toe_command", (3, RM, 2), 1e-7), {"stiffness.command"}),
+    "toe command": (add("instants/toe_command", (3, RM, 2), 1e-7), {"stiffness.toe_command"}),
     "joint command of an instant": (
         add("instants/joint_command", (3, RM, 2), 2e-3),
         {
             "stiffness.joint_command",
-            "stiffness.command",
+            "stiffness.toe_command",
             "static.pose",
             "trajectory.instants",
         },
     ),
     "deflection": (
         add("instants/wall_deflection", (3, RM, 2), -1e-4),
-        {"stiffness.relation", "stiffness.joint_command"},
+        {"stiffness.force_deflection", "stiffness.joint_command"},
     ),
     "torque safety": (scale("instants/safety_torque", 1.01, 4), {"safety.stored"}),
     "friction safety": (scale("instants/safety_friction", 1.01, 4), {"safety.stored"}),
@@ -313,7 +316,7 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
         {"body.clearance"},
     ),
     "uneven time": (add("trajectory/time", 7, 1e-3), {"trajectory.rate"}),
-    "motion stops early": (cut_off_the_end, {"trajectory.ends", "trajectory.instants"}),
+    "motion stops early": (cut_off_the_end, {"trajectory.endpoints", "trajectory.instants"}),
     "motion skips an instant": (leave_out_an_instant, {"trajectory.instants"}),
     "two limbs in the air": (two_at_once, {"trajectory.sequence"}),
     "limbs lift out of turn": (swapped_flags, {"trajectory.sequence"}),
@@ -324,10 +327,10 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
         {"trajectory.command", "trajectory.friction", "trajectory.torque"},
     ),
     "tight joint bound": (tight_bound, {"trajectory.joint_bounds"}),
-    "slow joints": (scale("robot/max_joint_speed", 0.2), {"trajectory.joint_speed"}),
+    "slow joints": (scale("robot/max_joint_speed", 0.2), {"speed.limit"}),
     "short shins": (
         scale("robot/link_lengths", 0.3, (RM, 2)),
-        {"kinematics.toes", "trajectory.reach"},
+        {"kinematics.forward", "trajectory.reach"},
     ),
 }
 
@@ -386,15 +389,20 @@ TERRAINS: dict[str, tuple[dict[str, Any], set[str]]] = {
     "body in a post": (post((-0.01, 0.01), (-0.01, 0.01), (-0.5, 0.3)), {"body.clearance"}),
     "post beside body and coxa": (
         post((0.14, 0.16), (0.21, 0.25), (-0.1, 0.1)),
-        {"body.clearance", "limbs.capsules", "trajectory.capsules"},
+        {"body.clearance", "limbs.collision", "trajectory.collision"},
     ),
     "links through a post": (
         post((0.40, 0.45), (-0.05, 0.05), (-0.5, 1.0)),
-        {"limbs.clearance", "trajectory.clearance", "limbs.capsules", "trajectory.capsules"},
+        {
+            "limbs.axis_collision",
+            "trajectory.axis_collision",
+            "limbs.collision",
+            "trajectory.collision",
+        },
     ),
     "swing through a bolt": (
         post((0.56, 0.572), (0.32, 0.34), (-0.08, -0.065)),
-        {"trajectory.clearance", "trajectory.capsules", "limbs.capsules"},
+        {"trajectory.axis_collision", "trajectory.collision", "limbs.collision"},
     ),
     "body leaves the free space": (
         {

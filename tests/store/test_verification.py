@@ -75,9 +75,9 @@ def test_a_sound_plan_passes_every_check(original: Path) -> None:
     residual = {check.name: check.residual for check in verification.checks}
     for name in (
         "force.equilibrium",
-        "kinematics.toes",
-        "torque.from_angles",
-        "stiffness.relation",
+        "kinematics.forward",
+        "torque.from_forces",
+        "stiffness.force_deflection",
     ):
         assert residual[name] < 1e-12
 
@@ -91,7 +91,7 @@ def test_other_terrains_and_gaits_pass(text: str, tmp_path: Path) -> None:
 def test_more_rounds_pass(tmp_path: Path) -> None:
     verification = verified(example_climb(rounds=4, per_segment=3), tmp_path)
     # Three samples a segment are faster than the joints.
-    assert {check.name for check in verification.failed} <= {"trajectory.joint_speed"}
+    assert {check.name for check in verification.failed} <= {"speed.limit"}
 
 
 def test_report_names_margins_and_places(original: Path) -> None:
@@ -120,11 +120,11 @@ def test_failures_come_first_and_are_named(plan_file: Path) -> None:
     verification = verify(plan_file)
     assert not verification.passed
     first = verification.table().splitlines()[1]
-    assert first.startswith("torque.from_angles")
+    assert first.startswith("torque.from_forces")
     assert "FAILED" in first
     assert first.endswith("round 1, push 2, RM tibia")
     assert verification.headline() == (
-        f"1 of {len(LIMITS)} checks failed, worst: torque.from_angles, round 1, push 2, RM tibia"
+        f"1 of {len(LIMITS)} checks failed, worst: torque.from_forces, round 1, push 2, RM tibia"
     )
 
 

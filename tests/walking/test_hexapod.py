@@ -52,7 +52,7 @@ def test_it_walks_on_tripods_within_its_torques(plan: WalkPlan) -> None:
     assert task.body.leg_names == ("LF", "RF", "LM", "RM", "LR", "RR")
     assert format_failures(check_trajectory(task, found)) == ""
     names = {check.name for check in check_trajectory(task, found)}
-    assert {"torque.limit", "torque.reach", "speed.limit"} <= names
+    assert {"torque.limit", "stance.reach", "speed.limit"} <= names
     few = found.gait.contact[:-1][found.gait.contact[:-1].sum(axis=1) == 3]
     halves = {tuple(row) for row in few.astype(int).tolist()}
     assert halves <= {(1, 0, 0, 1, 1, 0), (0, 1, 1, 0, 0, 1)}

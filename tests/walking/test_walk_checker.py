@@ -51,14 +51,14 @@ def test_a_solved_gait_passes_all() -> None:
         ("state", (4, 0), 1e-3, "dynamics.position"),
         ("state", (4, 4), 1e-3, "dynamics.velocity"),
         ("state", (4, 7), 1e-3, "dynamics.attitude"),
-        ("state", (4, 10), 1e-3, "dynamics.spin"),
+        ("state", (4, 10), 1e-3, "dynamics.angular_velocity"),
         ("state", (5, 3), 0.2, "rollout.velocity"),
         ("state", (5, 8), 0.2, "rollout.attitude"),
         ("force", (2, 0, 0), 60.0, "force.friction"),
         ("force", (2, 0, 2), 60.0, "force.limit"),
         ("force", (2, 0, 2), -60.0, "force.friction"),
         ("toes", (3, 1, 2), 0.01, "contact.region"),
-        ("toes", (3, 0, 2), -0.01, "swing.height"),
+        ("toes", (3, 0, 2), -0.01, "swing.clearance"),
         ("toes", (3, 0, 0), 0.3, "workspace.toe"),
         ("state", (3, 6), 1.6, "state.tilt"),
     ],
@@ -73,7 +73,7 @@ def test_force_on_a_swinging_leg_and_missing_contacts() -> None:
     contact = found.gait.contact.copy()
     contact[2, 0] = False
     lifted = replace(found, gait=Gait(contact, found.gait.region))
-    assert {"force.swing", "gait.contacts"} <= failed(task, lifted)
+    assert {"force.without_contact", "gait.contacts"} <= failed(task, lifted)
 
 
 def test_a_slipping_toe() -> None:

@@ -221,7 +221,12 @@ def test_rows_have_the_names_of_the_checks(on_steps: bool) -> None:
     )
     names = set(program.model.names.names)
     assert names - OWN <= set(LIMITS)
-    assert {"dynamics.spin", "force.friction", "workspace.toe", "contact.no_slip"} <= names
+    assert {
+        "dynamics.angular_velocity",
+        "force.friction",
+        "workspace.toe",
+        "contact.no_slip",
+    } <= names
 
 
 def test_an_answer_that_is_off_is_named() -> None:

@@ -229,7 +229,7 @@ def test_products_of_narrow_ranges_are_lines_that_hold_them() -> None:
     rows = len(model)
     lines = (
         frame.add_switched_product(x, (low, high), y, (least, most), chosen),
-        frame.add_envelope("dynamics.spin", x, high, y, 1.0, 1.0 + 1e-5),
+        frame.add_envelope("dynamics.angular_velocity", x, high, y, 1.0, 1.0 + 1e-5),
     )
     assert len(model) == rows  # no envelope
     ranges = ((least, 1.0, most), (1.0, 1.0 + 1e-5))

@@ -94,7 +94,7 @@ def test_stones_are_crossed_online_and_every_change_is_found() -> None:
     assert "contact.region" in told(task, loop, toes=toes)
     sunk = walk.toes.copy()
     sunk[..., 2] -= np.where(walk.gait.contact, 0.0, 0.08)
-    assert "swing.ground" in told(task, loop, toes=sunk)
+    assert "swing.penetration" in told(task, loop, toes=sunk)
 
 
 def test_compiled_regions_are_those_of_the_ground() -> None:

@@ -126,7 +126,7 @@ def test_stones_are_crossed_and_every_change_is_found() -> None:
     assert "contact.region" in failed(task, replace(found, toes=toes))
     low = found.toes.copy()
     low[~found.gait.contact, 2] -= 0.03
-    assert "swing.height" in failed(task, replace(found, toes=low))
+    assert "swing.clearance" in failed(task, replace(found, toes=low))
     farther = Goal(task.goal.lower + 0.5, task.goal.upper + 0.5)
     assert "goal.position" in failed(replace(task, goal=farther), found)
 

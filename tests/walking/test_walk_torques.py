@@ -39,7 +39,7 @@ def test_the_plan_holds_anywhere(planned: WalkPlan, tmp_path: Path) -> None:
     assert [check.name for check in found.checks if not check.passed] == []
     names = [check.name for check in found.checks]
     assert "torque.limit" in names
-    assert "torque.reach" in names
+    assert "stance.reach" in names
     stored = read_walk_plan(path)
     assert stored.robot_urdf == planned.robot_urdf
     assert stored.task.legs is not None

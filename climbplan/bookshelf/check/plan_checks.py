@@ -48,8 +48,10 @@ LIMITS = {
     "scenes.data": Limit(0, "", "stored scenes whose numbers cannot be those of books"),
     "file.spec_values": Limit(1e-9, "", "shelf, scene, meaning, method and seed are the spec's"),
     "file.totals": Limit(1e-9, "", "status, objective, bound and gap are those of the scenes"),
-    "solution.rows": Limit(0, "", "scenes whose status, pose, states and cost do not go together"),
-    "solution.objective": Limit(1e-6, "", "costs are those of the stored poses (relative)"),
+    "solution.consistency": Limit(
+        0, "", "scenes whose status, pose, states and cost do not go together"
+    ),
+    "file.objective": Limit(1e-6, "", "costs are those of the stored poses (relative)"),
     "solution.overlap": Limit(1e-9, "m", "overlaps are those of the stored poses"),
     "solution.slot": Limit(0, "", "scenes whose slot is not where the inserted book stands"),
     "solution.bound": Limit(1e-6, "mm^2", "no bound exceeds its cost"),
@@ -99,7 +101,9 @@ def check_plan(plan: ShelfPlan, replacement_spec: HeldSpec | None = None) -> Ite
 
 def check_solutions(plan: ShelfPlan, solver: ShelfSolverSpec | None) -> Iterator[Check]:
     """Check the scenes and their solutions; `optimal` must be within the gaps of `solver`."""
-    yield _check_fault_count("solution.rows", list(_find_row_faults(plan.solutions, plan.scenes)))
+    yield _check_fault_count(
+        "solution.consistency", list(_find_row_faults(plan.solutions, plan.scenes))
+    )
     yield from _check_scenes(plan, solver)
     placed = plan.solutions.placed
     if placed.any():
@@ -209,7 +213,7 @@ def _check_scenes(plan: ShelfPlan, solver: ShelfSolverSpec | None) -> Iterator[C
     placed = solutions.placed
     cost = compute_movement_cost(scenes, solutions.pose)
     relative_error = np.abs(solutions.objective - cost) / np.maximum(1.0, cost)
-    yield _check_worst_scene("solution.objective", relative_error, placed)
+    yield _check_worst_scene("file.objective", relative_error, placed)
     depth = measure_worst_overlap(scenes, solutions.pose)
     yield _check_worst_scene("solution.overlap", np.abs(solutions.overlap - depth), placed)
     is_wrong_slot = (solutions.slot != find_slots(solutions.pose, scenes.sizes)).astype(float)

@@ -36,7 +36,7 @@ def check_clearance(subject: Subject) -> Iterator[Check]:
     yield _check_body(subject)
     yield _check_free_regions(subject)
     yield _check_limbs(subject)
-    yield judge_capsules("limbs.capsules", subject, subject.capsules, subject.describe_instant)
+    yield judge_capsules("limbs.collision", subject, subject.capsules, subject.describe_instant)
 
 
 def _check_body(subject: Subject) -> Check:
@@ -119,7 +119,9 @@ def _check_limbs(subject: Subject) -> Check:
     )
     qualifier = "at least " if clearance >= _MEASURED_DISTANCE else ""
     margin = f"links {qualifier}{1e3 * clearance:.0f} mm clear"
-    return judge_link_depths("limbs.clearance", subject, depth, subject.describe_instant, margin)
+    return judge_link_depths(
+        "limbs.axis_collision", subject, depth, subject.describe_instant, margin
+    )
 
 
 def _shorten_last_links(subject: Subject, points: Array) -> Array:

@@ -87,7 +87,7 @@ def _check_lifted(subject: Subject) -> Check:
     size = np.linalg.norm(plan.forces.force, axis=-1)
     on_lifted = np.where(plan.instants.contact, 0.0, size)
     return judge_worst(
-        "force.lifted_unloaded", on_lifted / subject.weight, subject.describe_instant
+        "force.without_contact", on_lifted / subject.weight, subject.describe_instant
     )
 
 
@@ -98,7 +98,7 @@ def _check_torques(subject: Subject) -> Iterator[Check]:
     stored = plan.forces.link_torques
     error = np.abs(torques - plan.forces.joint_torques)
     error = np.maximum(error, np.abs(link_torques - (0.0 if stored is None else stored)))
-    yield judge_worst("torque.from_angles", error, subject.describe_instant)
+    yield judge_worst("torque.from_forces", error, subject.describe_instant)
     torque_ratio = subject.torque_ratio
     yield judge_worst(
         "torque.limit",
@@ -127,7 +127,9 @@ def _check_stiffness(subject: Subject) -> Iterator[Check]:
     )
     error = np.linalg.norm(structural_deflection + body_motion - forces.wall_deflection, axis=-1)
     yield judge_worst(
-        "stiffness.relation", np.where(instants.contact, error, 0.0), subject.describe_instant
+        "stiffness.force_deflection",
+        np.where(instants.contact, error, 0.0),
+        subject.describe_instant,
     )
     commanded_deflection = instants.joint_angles - forces.joint_command
     toe_deflection = np.einsum("knij,knj->kni", jacobian, commanded_deflection)
@@ -135,7 +137,7 @@ def _check_stiffness(subject: Subject) -> Iterator[Check]:
     yield judge_worst("stiffness.joint_command", error, subject.describe_instant)
     commanded = build_limbs(robot, instants.com, subject.axes, forces.joint_command)
     error = np.linalg.norm(forces.toe_command - commanded.toe, axis=-1)
-    yield judge_worst("stiffness.command", error, subject.describe_instant)
+    yield judge_worst("stiffness.toe_command", error, subject.describe_instant)
 
 
 def _check_stored_factors(subject: Subject) -> Check:

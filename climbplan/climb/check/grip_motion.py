@@ -73,14 +73,14 @@ def check_grips_in_motion(
 
     margin = f"S_mu {1 / shear_ratio.max():.2f}" if shear_ratio.any() else "no shear"
     yield judge_worst(
-        "trajectory.grip", excess / subject.weight, describe_part, margin, used=shear_ratio
+        "trajectory.grip_shear", excess / subject.weight, describe_part, margin, used=shear_ratio
     )
     force_error = np.linalg.norm(force - grips.trajectory_force, axis=-1) / subject.weight
     yield judge_worst("trajectory.contact_force", force_error, describe_place)
     grip_force = grips.trajectory.grip
     idle_grip = np.where(standing, 0.0, np.abs(grips.trajectory.packed_array).max(axis=-1))
     yield judge_worst(
-        "trajectory.gripping",
+        "trajectory.grip_force",
         np.maximum(np.maximum(grip_force - gripper.max_force, -grip_force), idle_grip),
         describe_place,
         margin=f"at most {grip_force.max():.1f} N",

@@ -149,7 +149,7 @@ def _check_cones(subject: Subject, part_forces: GripForcesByPart) -> Iterator[Ch
         return f"{subject.describe_instant(k)}, {subject.name_limb(limb)} {PART_NAMES[part_index]}"
 
     pull = np.where(contact, -part_forces.pressure, -np.inf) / subject.weight
-    yield judge_worst("grip.press", pull, describe_place)
+    yield judge_worst("grip.unilateral", pull, describe_place)
     required = subject.plan.limits.safety_friction
     is_sheared = contact & (part_forces.shear > _SHEAR_TOLERANCE * subject.weight)
     excess = (
@@ -203,7 +203,7 @@ def _check_wrists(
         np.linalg.norm(closing - axis, axis=-1), np.linalg.norm(closing + axis, axis=-1)
     )
     yield judge_worst(
-        "wrist.square", np.maximum(approach_error, closing_error), subject.describe_instant
+        "wrist.alignment", np.maximum(approach_error, closing_error), subject.describe_instant
     )
 
     def describe_place(k: int, limb: int, joint: int) -> str:

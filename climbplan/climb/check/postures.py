@@ -119,7 +119,7 @@ def _check_goal(subject: Subject) -> Iterator[Check]:
     distance = np.linalg.norm(goal_offset, axis=-1)
     names = ("body", *subject.plan.robot.limb_names)
     yield judge_worst(
-        "goal.reached",
+        "goal.position",
         distance - limits.goal_tolerance,
         lambda part: names[part],
         f"{1e3 * distance.max():.1f} of {1e3 * limits.goal_tolerance:.1f} mm off",
@@ -188,7 +188,7 @@ def _check_kinematics(subject: Subject) -> Iterator[Check]:
     plan = subject.plan
     robot, instants = plan.robot, plan.instants
     toe_error = np.linalg.norm(subject.limbs.toe - instants.toes, axis=-1)
-    yield judge_worst("kinematics.toes", toe_error, subject.describe_instant)
+    yield judge_worst("kinematics.forward", toe_error, subject.describe_instant)
     bound_violation = np.full(instants.joint_angles.shape, -np.inf)
     for angles in (instants.joint_angles, plan.forces.joint_command):
         violation = np.maximum(robot.joint_lower - angles, angles - robot.joint_upper)

@@ -58,7 +58,7 @@ def check_margins(
     max_shear = np.maximum(plan.instants.mu * subject.contact_force, _MIN_MU)
     friction_loss = 1 - subject.tangential_force / max_shear
     yield _check_toe_margin(
-        subject, "robust.pressure", subject.contact_force, margins.normal_force * weight
+        subject, "robust.normal_force", subject.contact_force, margins.normal_force * weight
     )
     yield _check_toe_margin(subject, "robust.friction", friction_reserve, margins.friction * weight)
     yield _check_toe_margin(subject, "robust.slip", friction_loss, margins.slip * ones)
@@ -86,7 +86,7 @@ def check_margins(
 
 # By check: the quantity that has the margin, its unit with the factor to it, and decimals
 _QUANTITIES = {
-    "robust.pressure": ("normal force", 1.0, "N", 1),
+    "robust.normal_force": ("normal force", 1.0, "N", 1),
     "robust.friction": ("normal-force reserve of the friction cone", 1.0, "N", 1),
     "robust.slip": ("loss of friction before it slides", 1e2, "%", 0),
     "robust.pull": ("pull-out reserve", 1.0, "N", 1),

@@ -62,7 +62,7 @@ def check_penetration(subject: Subject, required: float | None) -> Check:
     if num_outside:
         margin += f", {num_outside} of {int(instants.contact.sum())} commands outside"
     residual = np.where(instants.contact, (required or 0.0) - penetration, -np.inf)
-    check = judge_worst("force.inward", residual, subject.describe_instant, margin=margin)
+    check = judge_worst("force.penetration", residual, subject.describe_instant, margin=margin)
     if required is not None or check.passed:
         return check
     # Nothing is left out of the plan: what friction has to hold is judged by the static checks.

@@ -65,7 +65,9 @@ def _check_ends(subject: Subject) -> Check:
         ]
     )
     names = ("start, position", "end, position", "start, rotation", "end, rotation")
-    return judge_worst("trajectory.ends", np.abs(end_error).max(axis=1), lambda row: names[row])
+    return judge_worst(
+        "trajectory.endpoints", np.abs(end_error).max(axis=1), lambda row: names[row]
+    )
 
 
 def _check_sequence(motion: MotionState) -> Check:
@@ -156,7 +158,7 @@ def _check_joints(motion: MotionState) -> Iterator[Check]:
     speed_ratio = speed / robot.max_joint_speed
     margin = f"{100 * speed_ratio.max():.0f} % of the limit"
     excess = speed - robot.max_joint_speed
-    yield judge_worst("trajectory.joint_speed", excess, motion.describe_sample, margin, speed_ratio)
+    yield judge_worst("speed.limit", excess, motion.describe_sample, margin, speed_ratio)
     missing = np.where(motion.lifted, 0.0, motion.standing.missing)
     yield judge_worst("trajectory.reach", missing, motion.describe_sample)
 
@@ -192,8 +194,10 @@ def _check_clearance(motion: MotionState) -> Iterator[Check]:
     def describe_pose(row: int) -> str:
         return motion.describe_sample(int(rows[row]))
 
-    yield judge_link_depths("trajectory.clearance", motion.subject, depth, describe_pose, margin)
-    yield judge_capsules("trajectory.capsules", motion.subject, capsules, describe_pose)
+    yield judge_link_depths(
+        "trajectory.axis_collision", motion.subject, depth, describe_pose, margin
+    )
+    yield judge_capsules("trajectory.collision", motion.subject, capsules, describe_pose)
     yield judge_self_collision(
         "trajectory.self_collision", motion.subject, capsules, poses.com, poses.axes, describe_pose
     )

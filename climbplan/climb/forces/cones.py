@@ -25,7 +25,7 @@ ConstraintName = Literal[
     "force.friction",
     "torque.limit",
     "force.unilateral",
-    "force.inward",
+    "force.penetration",
     "kinematics.joint_bounds",
     "static.stability",
 ]
@@ -186,7 +186,7 @@ class ConicProgram:
                 self._add_commands(cones, int(limb))
         for i in range(len(cones.penetration_per_force)):
             self.add_inequality(
-                f"force.inward.{i}",
+                f"force.penetration.{i}",
                 build_penetration_rows(cones, i, self.size),
                 -cones.min_penetration[i : i + 1],
             )

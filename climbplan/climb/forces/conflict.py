@@ -55,7 +55,7 @@ def list_members(cones: InstantCones) -> list[Member]:
         *(Member("force.friction", i) for i in points),
         *(Member("torque.limit", i, j) for i in limbs for j in range(cones.num_joints)),
         *(Member("force.unilateral", i) for i in points),
-        *(Member("force.inward", i) for i in range(len(cones.penetration_per_force))),
+        *(Member("force.penetration", i) for i in range(len(cones.penetration_per_force))),
         *(Member("kinematics.joint_bounds", i, j) for i in limbs for j in range(cones.num_joints)),
         *([Member("static.stability")] if len(cones.stiffness_loss) else []),
     ]
@@ -88,7 +88,7 @@ def relax_members(cones: InstantCones, members: list[Member]) -> ElasticOptimum 
             rows = build_command_rows(cones, i, member.joint, program.size)
             rows[:, slack] = -1.0
             program.add_inequality(str(index), rows, cones.command_margin[i, member.joint])
-        elif member.name == "force.inward":
+        elif member.name == "force.penetration":
             rows = build_penetration_rows(cones, i, program.size)
             rows[0, slack] = -1.0
             program.add_inequality(str(index), rows, -cones.min_penetration[i : i + 1])

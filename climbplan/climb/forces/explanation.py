@@ -363,7 +363,7 @@ def _describe_members(
         "force.friction": "friction at",
         "torque.limit": "torque of",
         "force.unilateral": pressure_text if cones.min_normal_force > 0 else "push-only contact at",
-        "force.inward": f"command {1e3 * min_penetration:.3g} mm inside its surface of",
+        "force.penetration": f"command {1e3 * min_penetration:.3g} mm inside its surface of",
         "kinematics.joint_bounds": "command within bounds of",
         "static.stability": "stability of the braced body",
     }
@@ -386,7 +386,7 @@ def _describe_members(
             place_list = f"all {len(limb_names)} limbs"
         else:
             indices = [m.contact for m in matching]
-            if name != "force.inward":
+            if name != "force.penetration":
                 indices = [int(cones.limb_of[i]) for i in indices]
             place_list = _join_names([limb_names[i] for i in dict.fromkeys(indices)], _MAX_NAMED)
             if name == "force.unilateral":

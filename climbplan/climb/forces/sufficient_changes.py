@@ -25,7 +25,7 @@ MAX_MU = 5.0  # beyond any dry contact: friction is no remedy there
 MAX_TORQUE_FACTOR = 100.0
 MAX_STIFFNESS_FACTOR = 100.0
 MIN_MASS_FRACTION = 1e-3  # of the present mass: a weightless robot is no remedy
-_STIFFNESS_BLOCKS = ("kinematics.joint_bounds", "force.inward", "static.stability")
+_STIFFNESS_BLOCKS = ("kinematics.joint_bounds", "force.penetration", "static.stability")
 _MAX_BISECTIONS = 40
 _PRECISION = 1e-6  # relative, of the friction factor
 

@@ -103,7 +103,7 @@ def _may_help(choice: Override, error: NoPlanFound) -> bool:
     if not isinstance(error, NoPostures):
         return True
     affected_blocks = {
-        "trajectory.swing_clearance": ("limbs.clearance",),
+        "trajectory.swing_clearance": ("limbs.axis_collision",),
         "task.gait": tuple(b for b in error.blocks if b.endswith(("_lift", "_place"))),
         "task.goal.rotation_tolerance_deg": ("goal.rotation", "steps.rotation"),
     }

@@ -56,7 +56,7 @@ _MESSAGES = {
     "goal.toes": "toe {mm} further from its goal than the tolerance",
     "goal.rotation": "rotation {deg} further from the goal than its tolerance",
     "body.clearance": "body {mm} too close to pass {alternative}",
-    "limbs.clearance": "limb {mm} too close to stay {alternative}",
+    "limbs.axis_collision": "limb {mm} too close to stay {alternative}",
 }
 
 _WEDGE_BLOCK = "workspace.turn"  # with the limb's name
@@ -116,7 +116,7 @@ _SUGGESTIONS: dict[str, SuggestChange] = {
     "goal.toes": _suggest_tolerance,
     "goal.rotation": _suggest_rotation_tolerance,
     "body.clearance": _suggest_clearance("body_clearance"),
-    "limbs.clearance": _suggest_clearance("limb_clearance"),
+    "limbs.axis_collision": _suggest_clearance("limb_clearance"),
     **{
         f"workspace.stance{when}": _suggest_without(
             "stance_workspace", "toes anywhere within reach"
@@ -301,7 +301,7 @@ def _describe_violation(scene: ClimbScene, name: str, value: float, chosen_name:
     """Describe one violation with its amount and the chosen alternative."""
     template = _MESSAGES[_base_block_name(name)]
     alternative = repr(chosen_name)
-    if _base_block_name(name) in ("body.clearance", "limbs.clearance"):
+    if _base_block_name(name) in ("body.clearance", "limbs.axis_collision"):
         alternative = describe_side(scene, chosen_name)
     return template.format(
         mm=f"{1e3 * value:.0f} mm", deg=f"{np.rad2deg(value):.1f} deg", alternative=alternative

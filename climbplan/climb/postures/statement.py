@@ -9,7 +9,7 @@ rotation Theta[j] = (roll, pitch, yaw). Round 0 is the given start.
                 first joints within their bounds                           C  coxa wedges
                 p_i in one contact region (one-of)                         D
                 body corners in one free region per obstacle (one-of)      body.clearance
-                limb beyond one face of every obstacle (one-of)            limbs.clearance
+                limb beyond one face of every obstacle (one-of)            limbs.axis_collision
                 goal within tolerance
 
 Rotations are linearised by eq. (5.5) about the level body at the start's yaw psi, so that a rotated

@@ -348,7 +348,7 @@ def _build_row_bounds(
         "force.friction": stands,
         "force.contact": stands,
         "force.torque": np.repeat(stands, 2 * joints, axis=1),
-        "force.inward": stands & (margins.least_depth is not None),
+        "force.penetration": stands & (margins.least_depth is not None),
         "force.inside": stands & (margins.depth is not None),
         "force.command": np.repeat(stands, joints, axis=1),
         "foothold.inside": np.repeat(placed, sizes["foothold.inside"] // (m * n), axis=1),

@@ -5,15 +5,15 @@ are the poses between start and goal, toes on intermediate footholds, contact fo
 limbs, and the fraction s of the torque limits in use. The cost is the weighted sum of squared steps
 and s (`round_constraints.py`). In addition to the constraints of every round there:
 
-    transition.reach, kinematics.toes, transition.joints
+    transition.reach, kinematics.forward, transition.joints
                            for every toe old, new, and hovering over both
     force.friction         |f_t|^2 <= (mu / S_mu)^2 (n . f - reserve)^2
     force.contact          n . f >= minimum load of a supporting limb
-    force.inward           commanded penetration of toes >= minimum depth, to first order
+    force.penetration           commanded penetration of toes >= minimum depth, to first order
     force.inside           commanded penetration >= margin, by exact kinematics
     steps.rotation         bounds on rotation steps of the body
     body.clearance         hull corners beyond a fixed face of every solid
-    limbs.clearance        joints beyond fixed faces of solids, if limbs came too close without
+    limbs.axis_collision        joints beyond fixed faces of solids, if limbs came too close without
     limbs.self_collision   links beyond faces of the body, and links of two limbs on both sides of
                            a plane, likewise
     foothold.plane         toes on intermediate footholds lie on their surface,
@@ -165,7 +165,7 @@ def _formulate_round(shape: MotionDimensions) -> RoundConstraints:
     rows.add_torque_limits(limbs[0], torque)
     normal_torque = rows.compute_torques(limbs[0], s["normal_old"])
     depth = ca.sum1(normal_torque * s["softness"] * torque)
-    stage.between("force.inward", s["least_depth"] - depth, upper=0.0, unit="m")
+    stage.between("force.penetration", s["least_depth"] - depth, upper=0.0, unit="m")
     missing_depth = s["margin_depth"] - rows.compute_commanded_depth(limbs[0], old, torque)
     stage.between("force.inside", missing_depth, upper=0.0, unit="m")
     rows.add_command_limits(limbs[0], torque)
@@ -221,7 +221,7 @@ def _add_separation(shape: MotionDimensions, rows: RoundConstraints, angles: lis
             column = k * len(shape.link_pairs) + q
             face, end = s["limb_face"][:, column], s["limb_end"][:, column]
             limb_distance += [ca.dot(face, p - r) - end for p in first for r in second]
-    rows.stage.between("limbs.clearance", ca.vertcat(*terrain_distance), 0.0, unit="m")
+    rows.stage.between("limbs.axis_collision", ca.vertcat(*terrain_distance), 0.0, unit="m")
     distances = ca.vertcat(ca.vec(ca.vertcat(*body_distance)), *limb_distance)
     rows.stage.between("limbs.self_collision", distances, 0.0, unit="m")
 

@@ -8,7 +8,7 @@ weight.
 
     transition.reach    a toe is in reach: |cos(knee)| within 1 (closed form), or the least
                         singular value of J off zero, as it is at full stretch (chains)
-    kinematics.toes     forward kinematics meets the toe (chains)
+    kinematics.forward     forward kinematics meets the toe (chains)
     kinematics.settled  the nearest such angles to the posture (chains of more than 3 joints)
     transition.joints   joint angles within bounds there
     force.torque        |J^T f + links' gravity torque| <= s max_torque, s <= 1 / S_tau
@@ -45,7 +45,7 @@ _DOWN = (0.0, 0.0, -1.0)
 COST_SCALE = 100.0  # costs of order one, as tolerances are absolute
 
 # Blocks that tie limbs to their toes, each with rows for every limb and point
-TIES = ("transition.reach", "kinematics.toes", "kinematics.settled", "transition.joints")
+TIES = ("transition.reach", "kinematics.forward", "kinematics.settled", "transition.joints")
 
 Shapes = Mapping[str, tuple[int, int]]
 

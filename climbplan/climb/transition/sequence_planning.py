@@ -123,7 +123,7 @@ _MARGIN_FRACTIONS = (1.2, 0.9, 0.6, 0.3, 0.0)
 _CLEARANCE_CHECKS = frozenset(
     f"{subject}.{what}"
     for subject in ("limbs", "body", "trajectory")
-    for what in ("clearance", "capsules", "self_collision")
+    for what in ("clearance", "axis_collision", "collision", "self_collision")
 )
 _JOINT_MARGINS = (
     JOINT_MARGIN,

@@ -2,7 +2,7 @@
 
 For every limb on every foothold from every body pose, its links are clear of all solids and of the
 body. For every pair of limbs, their capsules are clear of one another. The criteria are those of
-the checks `limbs.clearance`, `limbs.capsules` and `limbs.self_collision`.
+the checks `limbs.axis_collision`, `limbs.collision` and `limbs.self_collision`.
 """
 
 from __future__ import annotations

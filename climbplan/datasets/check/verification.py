@@ -48,7 +48,7 @@ MEANINGS = {
     "rows.sections": "features of sections are those of the walk",
     "rows.linear": "points of infeasible rows satisfy all rows of P but the bilinear ones",
     "rows.proof": "infeasible rows whose infeasibility is not proved again",
-    "objective": "costs are those of the stored solutions",
+    "file.objective": "costs are those of the stored solutions",
 }
 _RELATIVE = 1e-6
 _NO_BLOCKS = LeftOut("file alone", "the problem's blocks are not looked at without --problem")
@@ -162,7 +162,7 @@ def _check_program(data: Dataset, problem: Problem) -> Iterator[Check]:
         integer_deviation[k] = float(np.abs(stored - data.integers[row]).max(initial=0.0))
     yield _check_worst("rows.integers", integer_deviation, 0.0, rows=rows)
     yield _check_worst("block.residual", worst, tolerance, rows=rows)
-    yield _check_worst("objective", deviation, _RELATIVE, "relative", rows=rows)
+    yield _check_worst("file.objective", deviation, _RELATIVE, "relative", rows=rows)
 
 
 def _check_walks(data: Dataset, path: Path) -> Iterator[Check]:
@@ -188,7 +188,7 @@ def _check_walks(data: Dataset, path: Path) -> Iterator[Check]:
     yield replace(_check_worst("rows.walks", worst, 0.0, rows=rows), left_out=left)
     yield _check_worst("rows.integers", integer_deviation, 0.0, rows=rows)
     yield _check_worst("rows.sections", features, _RELATIVE, rows=rows)
-    yield _check_worst("objective", deviation, _RELATIVE, "relative", rows=rows)
+    yield _check_worst("file.objective", deviation, _RELATIVE, "relative", rows=rows)
 
 
 def _check_terrains(data: Dataset, path: Path) -> Iterator[Check]:
@@ -212,7 +212,7 @@ def _check_terrains(data: Dataset, path: Path) -> Iterator[Check]:
         answer = find_posture(statement, patches, nodes=max(nodes, 1))
         proved += answer.status == "infeasible"
     yield _check_worst("block.residual", residual, TOLERANCE, rows=feasible)
-    yield _check_worst("objective", np.abs(data.objective[feasible]), 0.0, rows=feasible)
+    yield _check_worst("file.objective", np.abs(data.objective[feasible]), 0.0, rows=feasible)
     yield _check_worst("rows.linear", linear, TOLERANCE, rows=infeasible)
     yield _check_count("rows.proof", len(infeasible) - proved)
 

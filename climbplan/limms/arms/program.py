@@ -177,11 +177,11 @@ class _ArmProgram:
             # The chain of cubics, with its control points inside the free block
             velocity_error = v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2
             position_error = p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6
-            store.equal("box.motion", velocity_error[variable_entries])
-            store.equal("box.motion", position_error[variable_entries])
+            store.equal("box.kinematics", velocity_error[variable_entries])
+            store.equal("box.kinematics", position_error[variable_entries])
             for control in (p[k] + step * v[k] / 3, p[k + 1] - step * v[k + 1] / 3):
-                store.between("clear.box", (control - lower)[variable_entries], 0.0, unit="m")
-                store.between("clear.box", (upper - control)[variable_entries], 0.0, unit="m")
+                store.between("box.collision", (control - lower)[variable_entries], 0.0, unit="m")
+                store.between("box.collision", (upper - control)[variable_entries], 0.0, unit="m")
             effort = ca.sumsqr((a[k] + a[k + 1])[:3] / 2) + _yaw_entry(a[k] + a[k + 1]) ** 2 / 4
             store.minimise("acceleration", 0.02 * step * effort)
         return p, v, a
@@ -195,7 +195,7 @@ class _ArmProgram:
             held_time = sum(time for time, trace in held_phases if trace.phase.kind != "flight")
             store.between("latch.dwell", held_time, dwell + _DWELL_MARGIN, unit="s")
         p, v = self.last
-        store.equal("goal.reached", (p - ca.DM(ends.goal))[entries], "m")
+        store.equal("goal.position", (p - ca.DM(ends.goal))[entries], "m")
         if ends.arrival_speed > 0:
             store.between("goal.speed", ca.sumsqr(v[:3]), 0.0, ends.arrival_speed**2)
             store.minimise("arrival", 0.5 * ca.sumsqr(v[:3]))
@@ -280,13 +280,13 @@ class _ArmProgram:
                 angles, rates, margins = self.arms[i](p[k], v[k], ca.DM(guess.angles[k, i]))
                 # Where latches close, the approach along the normal needs additional range
                 bound = joint_range - (APPROACH_MARGIN if is_first and k == 0 else 0.0)
-                store.between("joint.range", angles, -bound, bound, "rad")
-                store.between("joint.speed", rates, -limit, limit, "rad/s")
+                store.between("kinematics.joint_bounds", angles, -bound, bound, "rad")
+                store.between("speed.limit", rates, -limit, limit, "rad/s")
                 store.between("joint.branch", margins, low, high)
                 if previous is not None:
                     change = angles - previous
-                    store.between("joint.speed", change - limit * step, upper=0.0)
-                    store.between("joint.speed", change + limit * step, 0.0)
+                    store.between("speed.limit", change - limit * step, upper=0.0)
+                    store.between("speed.limit", change + limit * step, 0.0)
                     store.minimise("turning", JOINT_SPEED_WEIGHT * ca.sumsqr(change) / step)
                 previous = angles
                 for cut in cuts:
@@ -304,7 +304,7 @@ class _ArmProgram:
         point = first + rotation @ points[:, cut.point]
         if cut.moves_with_box:
             point = frame.T @ (point - p[:3])
-        self.store.between("clear.cut", ca.dot(ca.DM(cut.normal), point), cut.offset, unit="m")
+        self.store.between("collision.cut", ca.dot(ca.DM(cut.normal), point), cut.offset, unit="m")
 
 
 def _yaw_entry(entries: ca.MX) -> ca.MX | float:

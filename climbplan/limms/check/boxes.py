@@ -38,10 +38,10 @@ def check_boxes(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
         _check_motion(plan, first, last, worst)
         for b in range(len(plan.box_size)):
             _check_forces(plan, module, b, first, last, worst)
-    for name in ("box.motion", "box.dynamics", "box.stable", "box.moment"):
+    for name in ("box.kinematics", "box.dynamics", "box.stable", "box.moment"):
         yield worst.check(name)
-    yield worst.check("clear.box", gap=True)
-    for name in ("latch.moment", "force.limit", "force.friction", "force.unattached"):
+    yield worst.check("box.collision", gap=True)
+    for name in ("latch.moment", "force.limit", "force.friction", "force.without_contact"):
         yield worst.check(name)
     yield worst.check("support.sides", gap=True)
     yield from _check_goals(plan)
@@ -54,7 +54,7 @@ def _check_goals(plan: LimmsPlan) -> Iterator[Check]:
     distance = np.linalg.norm(plan.motion.box_position[-1] - plan.goal, axis=-1)[:count]
     index = int(np.argmax(distance))
     yield judge(
-        "goal.reached", distance[index], names[index], f"{1e3 * distance[index]:.3f} mm off"
+        "goal.position", distance[index], names[index], f"{1e3 * distance[index]:.3f} mm off"
     )
     yaw_error = _compute_yaw_errors(plan)
     index = int(np.argmax(yaw_error))
@@ -64,7 +64,10 @@ def _check_goals(plan: LimmsPlan) -> Iterator[Check]:
         else ""
     )
     yield judge(
-        "goal.turned", yaw_error[index], location, f"{np.degrees(yaw_error[index]):.4f} degrees off"
+        "goal.rotation",
+        yaw_error[index],
+        location,
+        f"{np.degrees(yaw_error[index]):.4f} degrees off",
     )
     # Only the last box may still move
     speed = np.linalg.norm(plan.motion.box_velocity[-1, :count], axis=-1)
@@ -119,25 +122,25 @@ def _check_motion(plan: LimmsPlan, first: int, last: int, worst: WorstResiduals)
     )
     velocity_error = v[1:] - v[:-1] - h * (a[:-1] + a[1:]) / 2
     position_error = p[1:] - p[:-1] - h * v[:-1] - h**2 * (2 * a[:-1] + a[1:]) / 6
-    worst.update("box.motion", time[1:], np.abs(velocity_error / h).max(axis=(1, 2)))
-    worst.update("box.motion", time[1:], np.abs(position_error / h).max(axis=(1, 2)))
+    worst.update("box.kinematics", time[1:], np.abs(velocity_error / h).max(axis=(1, 2)))
+    worst.update("box.kinematics", time[1:], np.abs(position_error / h).max(axis=(1, 2)))
     times = refine_times(time)
     placement, _ = interpolate_hermite(time, p, v, times)
     box, yaw = placement[..., :3], placement[..., 3]
     for anchor in range(4 * len(plan.box_size)):
         anchor_position = compute_anchor_pose(plan, anchor, 0, p[..., :3], p[..., 3]).position
         error = np.abs(motion.anchor_position[span, anchor] - anchor_position)
-        worst.update("box.motion", time, error, plan.anchor_names[anchor])
+        worst.update("box.kinematics", time, error, plan.anchor_names[anchor])
     half = plan.box_size / 2
     for b in range(len(half)):
         for low, high in plan.solids:
             block = (high + low) / 2, np.zeros(1), (high - low) / 2
             gap = upright_gap(box[:, b], yaw[:, b], half[b], *block)
-            worst.update("clear.box", times, -gap, f"box {b}")
+            worst.update("box.collision", times, -gap, f"box {b}")
         for second in range(b):
             block = box[:, second], yaw[:, second], half[second]
             gap = upright_gap(box[:, b], yaw[:, b], half[b], *block)
-            worst.update("clear.box", times, -gap, f"box {b}")
+            worst.update("box.collision", times, -gap, f"box {b}")
         if motion.box_mode[first, b] == _STABLE:
             displacement = np.abs(placement[:, b] - placement[0, b]).max(axis=1)
             bottom = box[:, b].copy()
@@ -182,7 +185,7 @@ def _check_forces(
         foot_down = m >= 0 and motion.ground_end[first, m] == 1 - end
         loose = m < 0 or (mode == _QUADRUPED and not foot_down)
         if loose:
-            worst.update("force.unattached", time, magnitude[:, side], anchor_name)
+            worst.update("force.without_contact", time, magnitude[:, side], anchor_name)
         if mode == _QUADRUPED and m >= 0:
             foot = motion.joint_position[span, m, 7 * (1 - end)]
             normal = SIDE_NORMALS[side]

@@ -118,7 +118,9 @@ def _check_samples(plan: LimmsPlan) -> Iterator[Check]:
     step = np.diff(motion.time)
     k = int(np.argmax(step))
     time_reversal = float(-step.min())
-    yield judge("samples.rate", np.inf if time_reversal > 0 else step[k], describe_sample(plan, k))
+    yield judge(
+        "trajectory.rate", np.inf if time_reversal > 0 else step[k], describe_sample(plan, k)
+    )
     event = np.flatnonzero(step == 0)
     jump = np.zeros(len(event))
     for values in (
@@ -138,7 +140,7 @@ def _check_samples(plan: LimmsPlan) -> Iterator[Check]:
         jump = np.maximum(jump, angle_jump.max(axis=(1, 2)))
     index = int(np.argmax(jump)) if len(event) else 0
     location = describe_sample(plan, int(event[index])) if len(event) else ""
-    yield judge("samples.continuous", jump.max(initial=0.0), location)
+    yield judge("trajectory.continuity", jump.max(initial=0.0), location)
     # Modes may change only at events
     changes = np.zeros(len(step), bool)
     ends = (motion.base_anchor, motion.tip_anchor, motion.ground_end)
@@ -147,7 +149,7 @@ def _check_samples(plan: LimmsPlan) -> Iterator[Check]:
     within_stretch = np.flatnonzero(changes & (step > 0))
     if len(within_stretch):
         yield judge(
-            "samples.continuous",
+            "trajectory.continuity",
             np.inf,
             f"modes change within {describe_sample(plan, within_stretch[0])}",
         )
@@ -181,7 +183,7 @@ def _check_rates(plan: LimmsPlan) -> Check:
             location = (
                 f"{describe_sample(plan, first + int(k[0]) + 1)}: {plan.module_names[int(k[1])]}"
             )
-    return judge("joint.rates", max_error, location)
+    return judge("kinematics.joint_velocity", max_error, location)
 
 
 def _compute_rate_errors(time: Array, angles: Array, rates: Array) -> Array:
@@ -220,4 +222,4 @@ def _check_points(plan: LimmsPlan, module: ModuleSpec) -> Check:
     error = np.maximum(error, np.abs(frame).max(axis=(1, 2, 3)))
     error = np.maximum(error, np.where(np.linalg.det(base.rotation).min(axis=1) > 0, 0, np.inf))
     k = int(np.argmax(error))
-    return judge("kinematics.points", error[k], describe_sample(plan, k))
+    return judge("kinematics.forward", error[k], describe_sample(plan, k))

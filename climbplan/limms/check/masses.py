@@ -75,7 +75,7 @@ def find_worst_loads(plan: LimmsPlan, module: ModuleSpec) -> WorstLoads:
 def check_masses(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
     """Yield all checks with masses; for a plan without masses they are informational."""
     worst_loads = find_worst_loads(plan, module)
-    for name in ("load.balance", "load.force", "load.moment", "load.ground", "load.tip"):
+    for name in ("load.balance", "load.force", "load.moment", "load.friction", "load.tipping"):
         yield _check(plan, name, worst_loads.select(name))
     yield _check(plan, "load.torque", worst_loads.select("load.torque"))
 
@@ -137,13 +137,15 @@ def _check_contacts(
             continue
         # Ground pushes within its friction cone, at points under the body
         tangential, normal_force = np.hypot(force[:, 0], force[:, 1]), force[:, 2]
-        worst_loads.select("load.ground").update(
+        worst_loads.select("load.friction").update(
             time, tangential, plan.friction * normal_force, contact.name, "N"
         )
         if contact.kind == "ground":
             capacity = module.radius * np.maximum(normal_force, 0) + module.ground_moment
             tilt_moment = np.hypot(moment[:, 0], moment[:, 1])
-            worst_loads.select("load.tip").update(time, tilt_moment, capacity, contact.name, "N m")
+            worst_loads.select("load.tipping").update(
+                time, tilt_moment, capacity, contact.name, "N m"
+            )
             continue
         # Tipping about the edges of the box
         b = contact.body - len(plan.module_names)
@@ -153,7 +155,7 @@ def _check_contacts(
         for axis in (0, 1):
             half = plan.box_size[b, 1 - axis] / 2
             capacity = half * np.maximum(normal_force, 0)
-            worst_loads.select("load.tip").update(
+            worst_loads.select("load.tipping").update(
                 time, tilt[:, axis], capacity, contact.name, "N m"
             )
 

@@ -40,9 +40,20 @@ def check_motion(plan: LimmsPlan, module: ModuleSpec) -> Iterator[Check]:
     yield worst.check("latch.position")
     yield worst.check("latch.rotation")
     yield _check_dwell(plan, module)
-    for name in ("joint.range", "joint.speed", "ground.stand", "ground.speed", "ground.free"):
+    for name in (
+        "kinematics.joint_bounds",
+        "speed.limit",
+        "ground.contact",
+        "ground.speed",
+        "ground.support",
+    ):
         yield worst.check(name)
-    for name in ("clear.solids", "clear.boxes", "clear.modules", "clear.self"):
+    for name in (
+        "limbs.collision",
+        "limbs.box_collision",
+        "limbs.module_collision",
+        "limbs.self_collision",
+    ):
         yield worst.check(name, gap=True)
 
 
@@ -52,9 +63,9 @@ def _check_joints(
     """Check joint ranges and speeds, and the stored points."""
     for m, name in enumerate(plan.module_names):
         excess = np.abs(stretch.angles[:, m]) - np.array(module.joint_range)
-        worst.update("joint.range", stretch.time, excess, name)
+        worst.update("kinematics.joint_bounds", stretch.time, excess, name)
         speed = np.abs(stretch.rates[:, m]) - module.max_joint_speed
-        worst.update("joint.speed", stretch.time, speed, name)
+        worst.update("speed.limit", stretch.time, speed, name)
         # Stored points are those of the kinematic chain
         motion = plan.motion
         span = slice(stretch.first, stretch.last + 1)
@@ -120,15 +131,15 @@ def _check_ground(
         end = int(motion.ground_end[stretch.first, m])
         is_driving = motion.mode[stretch.first, m] == _DRIVING
         is_adrift = is_driving and end < 0 and not _is_on_stable_box(plan, stretch.first, m)
-        worst.update("ground.free", stretch.time[:1], np.array([float(is_adrift)]), name)
+        worst.update("ground.support", stretch.time[:1], np.array([float(is_adrift)]), name)
         if end < 0:
             continue
         end_position = stretch.points[m].position[:, 7 * end]
         worst.update(
-            "ground.stand", stretch.time, _measure_ground_distance(plan, end_position), name
+            "ground.contact", stretch.time, _measure_ground_distance(plan, end_position), name
         )
         rotation_error = stretch.points[m].rotation[:, 7 * end] - compute_ground_end_frame(end)
-        worst.update("ground.stand", stretch.time, np.abs(rotation_error), f"{name} upright")
+        worst.update("ground.contact", stretch.time, np.abs(rotation_error), f"{name} upright")
         span = slice(stretch.first, stretch.last + 1)
         path, time = motion.joint_position[span, m, 7 * end], motion.time[span]
         speed = np.linalg.norm(np.diff(path, axis=0), axis=1) / np.diff(time)
@@ -171,13 +182,15 @@ def _check_collisions(
     for m, name in enumerate(plan.module_names):
         if is_moving[m]:
             gap = gap_to_blocks(segments[m], plan.solids[:, 0], plan.solids[:, 1], radius)
-            worst.update("clear.solids", stretch.time, -gap, name)
-            worst.update("clear.self", stretch.time, -gap_within(segments[m], radius), name)
+            worst.update("limbs.collision", stretch.time, -gap, name)
+            worst.update(
+                "limbs.self_collision", stretch.time, -gap_within(segments[m], radius), name
+            )
         if is_moving[m] or box_moves:
             gap = gap_to_boxes(segments[m], stretch.box, stretch.yaw, half, radius)
-            worst.update("clear.boxes", stretch.time, -gap, name)
+            worst.update("limbs.box_collision", stretch.time, -gap, name)
     for a, b in combinations(range(count), 2):
         if is_moving[a] or is_moving[b]:
             gap = gap_between(segments[a], segments[b], radius)
             names = f"{plan.module_names[a]} and {plan.module_names[b]}"
-            worst.update("clear.modules", stretch.time, -gap, names)
+            worst.update("limbs.module_collision", stretch.time, -gap, names)

@@ -29,8 +29,8 @@ def add_box_rows(problem: ConsensusProblem, table: LinearRows, columns: Variable
         speed = scene.arrival_speed / 3**0.5
         table.bound(columns.velocity[-1, axis], -speed, speed)
         final, goal_error = columns.position[-1, axis], columns.goal_error[axis]
-        table.row("goal.reached", [(goal_error, 1), (final, -1)], -scene.goal[axis], float("inf"))
-        table.row("goal.reached", [(goal_error, 1), (final, 1)], scene.goal[axis], float("inf"))
+        table.row("goal.position", [(goal_error, 1), (final, -1)], -scene.goal[axis], float("inf"))
+        table.row("goal.position", [(goal_error, 1), (final, 1)], scene.goal[axis], float("inf"))
     for k in range(problem.intervals):
         _add_dynamics(problem, table, columns, k)
         _add_arm_forces(problem, table, columns, k)
@@ -47,10 +47,10 @@ def add_box_rows(problem: ConsensusProblem, table: LinearRows, columns: Variable
                     for i, b in enumerate(columns.centre[:, k])
                 ]
                 if len(lows):
-                    table.row("clear.box", [(position, 1), *lows], 0.0, float("inf"))
-                    table.at_most("clear.box", [(position, 1), *highs])
+                    table.row("box.collision", [(position, 1), *lows], 0.0, float("inf"))
+                    table.at_most("box.collision", [(position, 1), *highs])
         if len(columns.centre):
-            table.equal("clear.box", [(b, 1.0) for b in columns.centre[:, k]], 1.0)
+            table.equal("box.collision", [(b, 1.0) for b in columns.centre[:, k]], 1.0)
 
 
 def _add_dynamics(problem: ConsensusProblem, table: LinearRows, c: VariableColumns, k: int) -> None:
@@ -65,16 +65,16 @@ def _add_dynamics(problem: ConsensusProblem, table: LinearRows, c: VariableColum
         a_held, a_stands = c.acceleration[:, k, axis]
         position, next_position = c.position[k, axis], c.position[k + 1, axis]
         v, v_after = c.velocity[k, axis], c.velocity[k + 1, axis]
-        table.equal("box.motion", [(v, 1), (v_air, -1), (v_held, -1), (v_stands, -1)])
+        table.equal("box.kinematics", [(v, 1), (v_air, -1), (v_held, -1), (v_stands, -1)])
         for mode_velocity, modes in (
             (v_air, in_air),
             (v_held, (c.box[HELD, k],)),
             (v_stands, (c.box[STANDS, k],)),
         ):
             is_active: list[Term] = [(column, 1.0) for column in modes]
-            table.within("box.motion", [(mode_velocity, 1)], 0.0, is_active, MAX_BOX_SPEED)
+            table.within("box.kinematics", [(mode_velocity, 1)], 0.0, is_active, MAX_BOX_SPEED)
         table.equal(
-            "box.motion",
+            "box.kinematics",
             [
                 (v_after, 1),
                 (v, -1),
@@ -84,7 +84,7 @@ def _add_dynamics(problem: ConsensusProblem, table: LinearRows, c: VariableColum
             ],
         )
         table.equal(
-            "box.motion",
+            "box.kinematics",
             [
                 (next_position, 1),
                 (position, -1),
@@ -153,8 +153,8 @@ def _add_foot_forces(
             table.at_most("force.friction", [(column, 1), (normal_force, -cone)])
             table.at_most("force.friction", [(column, -1), (normal_force, -cone)])
         table.at_most("force.limit", [(normal_force, 1), (c.leg[m, k], -max_force)])
-        table.at_most("force.unattached", [(normal_force, 1), (c.box[STANDS, k], -max_force)])
+        table.at_most("force.without_contact", [(normal_force, 1), (c.box[STANDS, k], -max_force)])
         table.at_most(
-            "force.unattached",
+            "force.without_contact",
             [(normal_force, 1), *((column, -max_force) for column in c.ground[:, m, k])],
         )

@@ -19,15 +19,15 @@ _HORIZON = "horizon"  # no check has this name
 _RELAXED_LIMITS = {
     "force.limit": ("force limit (max_force)", "max_force", 10.0),
     "latch.moment": ("latch moment (latch_moment)", "latch_moment", 20.0),
-    "joint.speed": ("joint speed (max_joint_speed)", "max_joint_speed", 5.0),
+    "speed.limit": ("joint speed (max_joint_speed)", "max_joint_speed", 5.0),
     "ground.speed": ("speed on the ground (ground_speed)", "ground_speed", 5.0),
 }
 # Blocks of rows that no single number relaxes
 _RELAXED_BLOCKS = {
-    "clear.box": "free space of the box",
-    "clear.solids": "free space of modules",
-    "kinematics.points": "lengths of links",
-    "joint.range": "joint ranges",
+    "box.collision": "free space of the box",
+    "limbs.collision": "free space of modules",
+    "kinematics.forward": "lengths of links",
+    "kinematics.joint_bounds": "joint ranges",
     "support.sides": "sides that feet stand on",
 }
 
@@ -48,7 +48,7 @@ def explain_conflicts(
         limits = _find_conflicting_limits(problem, kind, deadline)
         if limits:
             text += "; it conflicts with the " + " and the ".join(limits.values())
-        names = ("goal.reached", *(name for name in limits if name != _HORIZON))
+        names = ("goal.position", *(name for name in limits if name != _HORIZON))
         conflicts.append(Conflict(KINDS[kind], (text,), in_words=True, names=names))
     return conflicts
 

@@ -14,7 +14,7 @@ import numpy as np
 from climbplan.arrays import Array, IntArray
 from climbplan.limms.consensus.problem import ConsensusProblem
 
-LENGTH_ROWS = "kinematics.points"  # block of rows that the cuts belong to
+LENGTH_ROWS = "kinematics.forward"  # block of rows that the cuts belong to
 LENGTH_TOLERANCE = 0.01  # fraction by which a link may be longer
 
 

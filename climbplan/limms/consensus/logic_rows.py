@@ -66,9 +66,9 @@ def _add_rules(problem: ConsensusProblem, table: LinearRows, c: VariableColumns,
         table.at_most("logic.rule_10", [*children, (c.arm[m, k], -1)])
         # A driving module stands, a leg may stand, an arm does not
         standing: list[Term] = [(c.ground[p, m, k], 1) for p in range(len(problem.scene.patches))]
-        table.at_most("ground.free", [*standing, (c.drives[m, k], -1), (c.leg[m, k], -1)])
+        table.at_most("ground.support", [*standing, (c.drives[m, k], -1), (c.leg[m, k], -1)])
         table.at_most(
-            "ground.free", [(c.drives[m, k], 1), *((column, -v) for column, v in standing)]
+            "ground.support", [(c.drives[m, k], 1), *((column, -v) for column, v in standing)]
         )
         # In the air no foot stands; else all four do, for the support polygon
         table.at_most("ground.feet", [*standing, (c.box[LEAPS, k], 1), (c.drives[m, k], -1)], 1.0)

@@ -40,9 +40,13 @@ _UNBOUNDED = 2**31 - 1
 EFFORT_WEIGHT = 0.02  # [s^2/m] of accelerations of the box
 IDLE_WEIGHT = 0.1  # of an interval before the box is picked up
 UNITS = {  # of rows; rows of integer choices have none
-    **dict.fromkeys(("box.dynamics", "force.limit", "force.friction", "force.unattached"), "N"),
-    **dict.fromkeys(("goal.reached", "clear.box", "clear.solids", "kinematics.points"), "m"),
-    **dict.fromkeys(("latch.position", "latch.rotation", "ground.stand", "support.sides"), "m"),
+    **dict.fromkeys(
+        ("box.dynamics", "force.limit", "force.friction", "force.without_contact"), "N"
+    ),
+    **dict.fromkeys(
+        ("goal.position", "box.collision", "limbs.collision", "kinematics.forward"), "m"
+    ),
+    **dict.fromkeys(("latch.position", "latch.rotation", "ground.contact", "support.sides"), "m"),
     "latch.moment": "N m",
 }
 

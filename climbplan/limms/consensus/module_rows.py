@@ -113,7 +113,7 @@ def _add_joint_range(
         )
     ]
     slack = min_projection + length
-    table.row("joint.range", [*terms, (chosen, -slack)], min_projection - slack, np.inf)
+    table.row("kinematics.joint_bounds", [*terms, (chosen, -slack)], min_projection - slack, np.inf)
 
 
 def _add_wall_latch(
@@ -240,7 +240,7 @@ def _add_standing(
         terms: list[Term] = [(second[axis], 1), (first[axis], -1)]
         rise = problem.link_lengths[0] if axis == 2 else 0.0
         both = [*terms, *((column, v * rise) for column, v in is_upright)]
-        table.within("ground.stand", both, big_m, is_upright, big_m)
+        table.within("ground.contact", both, big_m, is_upright, big_m)
     vertical = np.array([0.0, 0.0, 1.0])
     for column, _ in is_upright:
         _add_joint_range(problem, table, c.points[knot, m], 0, vertical, column)
@@ -252,13 +252,13 @@ def _add_standing(
         highest = float(problem.free_blocks[:, 1, axis].max())
         # Without a patch: anywhere in the free space
         table.row(
-            "ground.stand",
+            "ground.contact",
             [(first[axis], 1), *((b, lowest - v) for b, v in zip(on_patch, lows, strict=True))],
             lowest,
             np.inf,
         )
         table.at_most(
-            "ground.stand",
+            "ground.contact",
             [(first[axis], 1), *((b, highest - v) for b, v in zip(on_patch, highs, strict=True))],
             highest,
         )
@@ -283,14 +283,14 @@ def _add_speeds(
             *((column, -fast * h) for column, h in duration),
             in_leap,
         ]
-        table.at_most("joint.speed", path_limit)
+        table.at_most("speed.limit", path_limit)
     steps: list[list[Term]] = []
     for point in range(POINTS):
         for axis in range(3):
             ends = c.points[k + 1, m, point, axis], c.points[k, m, point, axis]
             step: list[Term] = [(ends[0], 1), (ends[1], -1)]
-            table.at_most("joint.speed", [*step, (path_bound, -1)])
-            table.at_most("joint.speed", [*_negate(step), (path_bound, -1)])
+            table.at_most("speed.limit", [*step, (path_bound, -1)])
+            table.at_most("speed.limit", [*_negate(step), (path_bound, -1)])
             if not point:
                 steps.append(step)
     drives: list[Term] = [(c.drives[m, k], big_m), *((column, -slow * h) for column, h in duration)]
@@ -324,14 +324,14 @@ def _add_link_lengths(
         ends = c.points[knot, m, i], c.points[knot, m, i + 1]
         differences = [[(ends[1][axis], 1.0), (ends[0][axis], -1.0)] for axis in range(3)]
         for axis in range(3):
-            table.row("kinematics.points", differences[axis], -length, length)
+            table.row("kinematics.forward", differences[axis], -length, length)
         for signs in _DIAGONALS:
             terms = [
                 (column, v * sign)
                 for axis, sign in enumerate(signs)
                 for column, v in differences[axis]
             ]
-            table.row("kinematics.points", terms, -(3**0.5) * length, 3**0.5 * length)
+            table.row("kinematics.forward", terms, -(3**0.5) * length, 3**0.5 * length)
 
 
 def _add_free_space(
@@ -342,7 +342,7 @@ def _add_free_space(
     for i in range(POINTS - 1):
         chosen = c.region[:, i, m, knot]
         if len(chosen):
-            table.equal("clear.solids", [(b, 1.0) for b in chosen], 1.0)
+            table.equal("limbs.collision", [(b, 1.0) for b in chosen], 1.0)
         for point in (i, i + 1):
             margin = 0.0 if point in (0, POINTS - 1) else radius
             for axis in range(3):
@@ -360,5 +360,5 @@ def _add_free_space(
                     (b, margin - high)
                     for b, high in zip(chosen, problem.free_blocks[:, 1, axis], strict=True)
                 ]
-                table.row("clear.solids", [(column, 1), *lows], 0.0, np.inf)
-                table.at_most("clear.solids", [(column, 1), *highs])
+                table.row("limbs.collision", [(column, 1), *lows], 0.0, np.inf)
+                table.at_most("limbs.collision", [(column, 1), *highs])

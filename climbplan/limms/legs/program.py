@@ -113,13 +113,13 @@ class LegProgram:
         for cut in cuts:
             if isinstance(cut, BoxCut):
                 projection = ca.dot(ca.DM(cut.normal), path.evaluate(cut.time_fraction)[0])
-                store.between("clear.cut", projection, cut.offset, unit="m")
+                store.between("collision.cut", projection, cut.offset, unit="m")
             else:
                 self._add_cut(cut, path, feet_before[cut.limb], controls[cut.limb])
         force = self._add_forces(guess, p, a, feet_before, standing)
         if self.last_state is not None:
-            store.equal("box.motion", p[0] - self.last_state[0])
-            store.equal("box.motion", v[0] - self.last_state[1])
+            store.equal("box.kinematics", p[0] - self.last_state[0])
+            store.equal("box.kinematics", v[0] - self.last_state[1])
         self.first_state = self.first_state or (p[0], v[0])
         self.last_state = (p[-1], v[-1])
         no_controls = ca.MX.zeros(CONTROLS, 6)
@@ -142,7 +142,7 @@ class LegProgram:
             (self.first_state, ends.start, "start"),
             (self.last_state, ends.goal, "goal"),
         ):
-            self.store.equal(f"{name}.reached", p - ca.DM(target), "m")
+            self.store.equal(f"{name}.position", p - ca.DM(target), "m")
             self.store.equal(f"{name}.speed", v, "m/s")
 
     def _add_first_footholds(self, guess: LegTrajectory, ends: LegBoundary) -> None:
@@ -177,13 +177,14 @@ class LegProgram:
         step = duration / phase.intervals
         lower, upper = ca.DM(phase.lower), ca.DM(phase.upper)
         for k in range(phase.intervals):
-            store.equal("box.motion", v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2)
+            store.equal("box.kinematics", v[k + 1] - v[k] - step * (a[k] + a[k + 1]) / 2)
             store.equal(
-                "box.motion", p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6
+                "box.kinematics",
+                p[k + 1] - p[k] - step * v[k] - step**2 * (2 * a[k] + a[k + 1]) / 6,
             )
             for control in (p[k] + step * v[k] / 3, p[k + 1] - step * v[k + 1] / 3):
-                store.between("clear.box", control - lower, 0.0, unit="m")
-                store.between("clear.box", upper - control, 0.0, unit="m")
+                store.between("box.collision", control - lower, 0.0, unit="m")
+                store.between("box.collision", upper - control, 0.0, unit="m")
             store.minimise("acceleration", 0.02 * step * ca.sumsqr((a[k] + a[k + 1]) / 2))
         store.minimise("time", duration)
         return p, v, a
@@ -197,9 +198,9 @@ class LegProgram:
         bounds = compute_limit_bounds(
             module, RANGE_MARGIN + (APPROACH_MARGIN if is_latching else 0.0)
         )
-        store.between("joint.range", limits, bounds.lower, bounds.upper)
+        store.between("kinematics.joint_bounds", limits, bounds.lower, bounds.upper)
         speeds = speeds / module.max_joint_speed
-        store.between("joint.speed", speeds, -SPEED_FRACTION, SPEED_FRACTION)
+        store.between("speed.limit", speeds, -SPEED_FRACTION, SPEED_FRACTION)
         normal = SIDE_NORMALS[self.limbs[i].side]
         half = float(abs(normal) @ self.scene.box_size[0] / 2)
         face_distance = ca.dot(ca.DM(normal), foot - position)
@@ -229,8 +230,8 @@ class LegProgram:
         limit = SPEED_FRACTION * module.max_joint_speed
         for row in compute_rate_weights(CONTROLS):
             rate = sum(w * c for w, c in zip(row, controls, strict=True) if w)
-            store.between("joint.speed", rate - limit * path.duration, upper=0.0)
-            store.between("joint.speed", rate + limit * path.duration, 0.0)
+            store.between("speed.limit", rate - limit * path.duration, upper=0.0)
+            store.between("speed.limit", rate + limit * path.duration, 0.0)
             store.minimise("turning", 0.005 * ca.sumsqr(rate) / path.duration / len(controls))
         ground = ca.fmin(before[2], after[2])
         for fraction in SWING_FRACTIONS:
@@ -268,7 +269,7 @@ class LegProgram:
             point = point + fraction * (points[:, 2] - point)
         if cut.moves_with_box:
             point = point - position
-        self.store.between("clear.cut", ca.dot(ca.DM(cut.normal), point), cut.offset, unit="m")
+        self.store.between("collision.cut", ca.dot(ca.DM(cut.normal), point), cut.offset, unit="m")
 
     def _add_forces(
         self,

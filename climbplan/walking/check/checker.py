@@ -43,27 +43,31 @@ LIMITS = {
     "dynamics.position": Limit(1e-6, "m", "positions follow from velocities"),
     "dynamics.velocity": Limit(1e-6, "m/s", "velocities follow from forces and weight"),
     "dynamics.attitude": Limit(1e-6, "rad", "Euler angles follow from the angular velocity"),
-    "dynamics.spin": Limit(1e-6, "rad/s", "angular velocities follow from moments"),
-    "rollout.velocity": Limit(0.05, "m/s", "forces alone, over 400 ms, lead where the plan says"),
-    "rollout.attitude": Limit(0.05, "rad", "and turn the body as the plan says"),
-    "continuous.velocity": Limit(0.05, "m/s", "and so they do in continuous time"),
-    "continuous.attitude": Limit(0.05, "rad", "and so they do in continuous time"),
-    "force.swing": Limit(1e-9, "N", "no force on swinging legs"),
+    "dynamics.angular_velocity": Limit(1e-6, "rad/s", "angular velocities follow from moments"),
+    "rollout.velocity": Limit(
+        0.05, "m/s", "velocities that forces alone give over 400 ms are the plan's"
+    ),
+    "rollout.attitude": Limit(
+        0.05, "rad", "attitudes that forces alone give over 400 ms are the plan's"
+    ),
+    "continuous.velocity": Limit(0.05, "m/s", "the same velocities in continuous time"),
+    "continuous.attitude": Limit(0.05, "rad", "the same attitudes in continuous time"),
+    "force.without_contact": Limit(1e-9, "N", "no force on swinging legs"),
     "force.friction": Limit(1e-4, "N", "force along a region within mu times that into it"),
     "force.limit": Limit(1e-4, "N", "components of forces within their limit"),
     "contact.no_slip": Limit(1e-9, "m", "standing toes stay where they are"),
     "contact.region": Limit(1e-6, "m", "standing toes are on their regions"),
-    "swing.height": Limit(1e-6, "m", "swinging toes are lifted above all ground on their ways"),
-    "workspace.whole_stance": Limit(
+    "swing.clearance": Limit(1e-6, "m", "swinging toes are lifted above all ground on their ways"),
+    "workspace.over_stance": Limit(
         1e-4, "m", "standing toes are inside their boxes at the interval's end too"
     ),
     "workspace.toe": Limit(1e-4, "m", "toes are inside their boxes in the body frame"),
-    "state.tilt": Limit(0, "rad", "roll and pitch within a right angle (Table 8.4)"),
+    "state.tilt": Limit(0, "rad", "roll and pitch within a right angle"),
     "goal.position": Limit(1e-4, "m", "the body is at its goal at the end"),
-    "gait.contacts": Limit(0, "", "intervals with fewer standing legs than asked for"),
+    "gait.contacts": Limit(0, "", "intervals with fewer standing legs than `task.min_contacts`"),
 }
 LEG_LIMITS = {  # of robots from URDFs, whose plans have joints
-    "torque.reach": Limit(
+    "stance.reach": Limit(
         1e-6, "m", "joints within their bounds get standing toes to where they are"
     ),
     "torque.limit": Limit(1e-3, "N m", "joint torques of standing legs, J' f, within their limits"),
@@ -76,7 +80,7 @@ LOOP_LIMITS = {
     "workspace.standing": Limit(
         0.02, "m", "standing toes at most so far outside their boxes, at every sample"
     ),
-    "swing.ground": Limit(1e-6, "m", "swinging toes are never in the ground, at every sample"),
+    "swing.penetration": Limit(1e-6, "m", "swinging toes are never in the ground, at every sample"),
     "loop.upright": Limit(1.05, "rad", "the body never tips over"),
     "loop.height": Limit(0.0, "m", "the body never sinks to two fifths of its height above toes"),
 }
@@ -180,7 +184,7 @@ def _generate_loop_checks(
     region_error = compute_region_error(task.ground, trajectory.gait.region, toes, since_start)
     yield build_worst_check(task, "contact.region", np.where(contact, region_error, 0.0))
     depth = np.maximum(compute_ground_height(task.ground, toes[..., :2]) - toes[..., 2], 0.0)
-    yield build_worst_check(task, "swing.ground", np.where(contact, 0.0, depth))
+    yield build_worst_check(task, "swing.penetration", np.where(contact, 0.0, depth))
     toes_in_box = transform_toes_to_body(state, toes)
     beyond = (np.abs(toes_in_box - task.body.toe_center) - task.body.toe_half).max(axis=-1)
     yield build_worst_check(task, "workspace.standing", np.where(contact, beyond, -1.0))
@@ -244,7 +248,7 @@ def _check_forces(task: WalkTask, trajectory: WalkTrajectory) -> Iterator[Check]
     """Yield checks of swinging legs, friction cones and force limits."""
     force, contact = trajectory.force, trajectory.gait.contact
     size = np.linalg.norm(force, axis=-1)
-    yield build_worst_check(task, "force.swing", np.where(contact, 0.0, size))
+    yield build_worst_check(task, "force.without_contact", np.where(contact, 0.0, size))
     # Friction cones are about the normals of their regions
     normal_force, tangential_force = split_force(task.ground, trajectory.gait.region, force)
     max_tangential = task.ground.friction * normal_force
@@ -287,14 +291,14 @@ def _check_feet(
     swinging = ~contact
     swinging[0] = False
     yield build_worst_check(
-        task, "swing.height", np.where(swinging, np.maximum(missing_height, 0.0), 0.0)
+        task, "swing.clearance", np.where(swinging, np.maximum(missing_height, 0.0), 0.0)
     )
     toes_in_box = transform_toes_to_body(trajectory.state, toes)
     if task.workspace_over_stance or include_unjudged:
         after = transform_toes_to_body(trajectory.state[1:], toes[:-1])
         violation_after = (np.abs(after - task.body.toe_center) - task.body.toe_half).max(axis=-1)
         stance_check = build_worst_check(
-            task, "workspace.whole_stance", np.where(contact[:-1], violation_after, -1.0)
+            task, "workspace.over_stance", np.where(contact[:-1], violation_after, -1.0)
         )
         if not task.workspace_over_stance:
             stance_check = mark_unjudged(

@@ -56,7 +56,7 @@ def generate_torque_residuals(
         return
     loads = compute_leg_loads(task.legs, task, trajectory)
     missing = loads.missing.max(axis=1)
-    yield "torque.reach", missing, np.zeros_like(missing)
+    yield "stance.reach", missing, np.zeros_like(missing)
     violation = np.abs(loads.torque) - task.legs.max_torque
     fraction = np.abs(loads.torque) / task.legs.max_torque
     contact = trajectory.gait.contact[:-1]

@@ -83,8 +83,8 @@ class ContactRows(RotationRows):
         height = sum_expressions(q.indicator * float(level[q.region]) for q in pieces)
         low, high = float(level.min() + clearance), float(level.max() + clearance)
         toe = model.add_variable(level.min(), high)
-        model.add_constraint("swing.height", toe - height + contact * low, low, np.inf)
-        model.add_constraint("swing.height", toe - height + contact * high, -np.inf, high)
+        model.add_constraint("swing.clearance", toe - height + contact * low, low, np.inf)
+        model.add_constraint("swing.clearance", toe - height + contact * high, -np.inf, high)
         return toe
 
     def add_workspace_rows(self, n: int, leg: int, arm: tuple[LinExpr, LinExpr, LinExpr]) -> None:
@@ -131,7 +131,7 @@ class ContactRows(RotationRows):
         )
         force_low, force_high = forces
         x, y, z = (
-            self.add_switched_variable("force.swing", indicator, a, b)
+            self.add_switched_variable("force.without_contact", indicator, a, b)
             for a, b in zip(force_low, force_high, strict=True)
         )
         force = (x, y, z)

@@ -33,7 +33,7 @@ class DynamicsRows(StanceCountRows):
         Returns:
             The pieces of the height, and p_z F_x and p_z F_y.
         """
-        model, name = self.model, "dynamics.spin"
+        model, name = self.model, "dynamics.angular_velocity"
         low, high = float(self.p_low[n, 2]), float(self.p_high[n, 2])
         if n >= self.num_rotation_knots:
             indicators: tuple[LinExpr, ...] = (model.add_variable(1.0, 1.0),)
@@ -162,8 +162,8 @@ class DynamicsRows(StanceCountRows):
                 for j in range(3)
             )
             slack = (slack + float(axes_error[k] @ (max_gyro / inertia))) * dt
-            model.add_nonnegative("dynamics.spin", change + slack)
-            model.add_nonnegative("dynamics.spin", slack - change)
+            model.add_nonnegative("dynamics.angular_velocity", change + slack)
+            model.add_nonnegative("dynamics.angular_velocity", slack - change)
 
         if n + 1 < task.knots and self.constant_inertia:
             world_gyro = [
@@ -198,7 +198,9 @@ class DynamicsRows(StanceCountRows):
                 change[j] * float(rotation.inertia[k, j] / dt) for j in range(3)
             )
             residual = inertial - moment[k] * self.force_unit - gyro[k]
-            self.model.add_constraint("dynamics.spin", residual, -float(slack[k]), float(slack[k]))
+            self.model.add_constraint(
+                "dynamics.angular_velocity", residual, -float(slack[k]), float(slack[k])
+            )
 
     def add_rotated_inertia_rows(
         self, n: int, moment: list[LinExpr], gyro: list[LinExpr], max_gyro: Array
@@ -217,7 +219,7 @@ class DynamicsRows(StanceCountRows):
             gyro: Gyroscopic moment (3,), about the principal axes.
             max_gyro: Upper bound on its size (3,).
         """
-        rotation, name = self.rotations[n], "dynamics.spin"
+        rotation, name = self.rotations[n], "dynamics.angular_velocity"
         axes = rotation.R @ rotation.principal_axes
         change = [
             (self.omega[n + 1][j] - self.omega[n][j]) * (1.0 / self.task.dt) for j in range(3)

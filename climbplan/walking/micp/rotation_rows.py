@@ -199,7 +199,7 @@ class RotationRows(StateVariables):
         Returns:
             The moment (3,), and its largest size (3,).
         """
-        model, rotation, name = self.model, self.rotations[n], "dynamics.spin"
+        model, rotation, name = self.model, self.rotations[n], "dynamics.angular_velocity"
         w = self.omega[n]
         middle = [
             sum_expressions(w[j] * float(rotation.R[j, k]) for j in range(3)) for k in range(3)

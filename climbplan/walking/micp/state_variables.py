@@ -184,10 +184,12 @@ class StateVariables:
         """Add the four McCormick rows of w = x y, which vanish with the indicator."""
         (x_low, x_high), (y_low, y_high) = x_range, y_range
         add = self.model.add_nonnegative
-        add("dynamics.spin", w - y * x_low - x * y_low + indicator * (x_low * y_low))
-        add("dynamics.spin", w - y * x_high - x * y_high + indicator * (x_high * y_high))
-        add("dynamics.spin", y * x_high + x * y_low - indicator * (x_high * y_low) - w)
-        add("dynamics.spin", y * x_low + x * y_high - indicator * (x_low * y_high) - w)
+        add("dynamics.angular_velocity", w - y * x_low - x * y_low + indicator * (x_low * y_low))
+        add(
+            "dynamics.angular_velocity", w - y * x_high - x * y_high + indicator * (x_high * y_high)
+        )
+        add("dynamics.angular_velocity", y * x_high + x * y_low - indicator * (x_high * y_low) - w)
+        add("dynamics.angular_velocity", y * x_low + x * y_high - indicator * (x_low * y_high) - w)
 
     def add_friction_product(
         self,
@@ -217,11 +219,11 @@ class StateVariables:
         w = self.add_free_variable(max(abs(low), abs(high)) * max_force)
         for side in (1.0, -1.0):
             model.add_nonnegative(
-                "dynamics.spin",
+                "dynamics.angular_velocity",
                 x_normal * friction + w * side - normal * (low * friction) - y * (low * side),
             )
             model.add_nonnegative(
-                "dynamics.spin",
+                "dynamics.angular_velocity",
                 normal * (high * friction) + y * (high * side) - x_normal * friction - w * side,
             )
         return w

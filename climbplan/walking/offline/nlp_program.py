@@ -210,12 +210,14 @@ class WalkNlp:
                 tangent = np.cos(angle) * along + np.sin(angle) * across
                 walk.between("force.friction", tangent - slope * pressed, upper=0.0, unit="N")
             # No force on lifted legs, eq. (8.23)
-            walk.between("force.swing", fz - shape.force_limit * c, upper=0.0, unit="N")
+            walk.between("force.without_contact", fz - shape.force_limit * c, upper=0.0, unit="N")
             if shape.friction > 1 or shape.sloped:  # else within the pyramid already
                 for component in (fx, fy):
                     max_force = shape.force_limit * c
-                    walk.between("force.swing", component - max_force, upper=0.0, unit="N")
-                    walk.between("force.swing", component + max_force, 0.0, unit="N")
+                    walk.between(
+                        "force.without_contact", component - max_force, upper=0.0, unit="N"
+                    )
+                    walk.between("force.without_contact", component + max_force, 0.0, unit="N")
         if shape.least_contacts:
             standing = ca.sum1(self.contact[n])
             walk.between(
@@ -237,7 +239,7 @@ class WalkNlp:
                 stood = R.T @ (self.toes[n - 1][3 * i : 3 * i + 3] - self.x[n][:3]) - center[i]
                 for beyond in (stood - half, -stood - half):
                     violation = self.contact[n - 1][i] * beyond
-                    walk.between("workspace.whole_stance", violation, upper=0.0, unit="m")
+                    walk.between("workspace.over_stance", violation, upper=0.0, unit="m")
             # No slip, eq. (8.22)
             free = _MAX_STRIDE * (2 - self.contact[n][i] - self.contact[n - 1][i])
             for k in range(2):

@@ -276,7 +276,7 @@ class PublishedProgram:
                 for moment in layout.moment[legs]:
                     terms.append((moment[2 * i : 2 * i + 1], -layout.force_unit))
                     terms.append((moment[2 * i + 1 : 2 * i + 2], layout.force_unit))
-                rows.block("dynamics.spin", terms)
+                rows.block("dynamics.angular_velocity", terms)
 
     def _add_feet(self, rows: LinearRows) -> tuple[list[Block], list[list[tuple[int, Block]]]]:
         """Add moment arms of forces, and toes in the body at knots, eqs. (8.20), (8.21)."""
@@ -291,7 +291,7 @@ class PublishedProgram:
             if j < 2 and footing.count:
                 free = np.where(stance_foothold >= 0, -1.0, 0.0)
                 terms.append((layout.spot[np.maximum(stance_foothold, 0), j], free))
-            arms.append(rows.block("dynamics.spin", terms))
+            arms.append(rows.block("dynamics.angular_velocity", terms))
         reaches = []
         for k, reach in enumerate(layout.reaches):
             blocks = []

@@ -189,7 +189,7 @@ def test_limbs_do_not_pass_through_what_the_convex_plan_ignores() -> None:
         terrain=replace(scene.terrain, obstacles=(solid,)),
     )
     failing = [v for v in check_postures(blocked, free.rounds) if not v.holds]
-    assert [violation.name for violation in failing] == ["limbs.clearance"]
+    assert [violation.name for violation in failing] == ["limbs.axis_collision"]
     assert "RF" in str(failing[0]) or "LF" in str(failing[0])
     # The way out is no shorter than the links are deep
     asked = blocked.robot.limb_radius + INTERPOLATION_MARGIN
@@ -206,7 +206,7 @@ def test_links_beside_a_bar_need_room_for_their_radius() -> None:
         lower = np.array([-0.6, -0.6, highest + gap])
         lid = Solid.from_box("lid", lower, lower + np.array([1.2, 1.2, 0.1]))
         under = replace(scene, terrain=replace(scene.terrain, obstacles=(lid,)))
-        found = {v.name: v for v in check_postures(under, free.rounds)}["limbs.clearance"]
+        found = {v.name: v for v in check_postures(under, free.rounds)}["limbs.axis_collision"]
         # Between the instants, too, the highest point may rise a little
         assert found.holds == holds or found.amount < 1e-4
         assert found.amount == pytest.approx(
@@ -305,10 +305,10 @@ def test_statement_and_check_agree(walls: ClimbScene) -> None:
         ("workspace.stance", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.2)),
         ("workspace.reach", lambda r: r.toes.__setitem__((2, 4, 2), r.toes[2, 4, 2] + 0.7)),
         ("contact.region", lambda r: r.toes.__setitem__((3, 1, 0), 0.61)),
-        ("goal.reached", lambda r: r.com.__setitem__((4, 2), 0.43)),
-        ("goal.reached", lambda r: r.toes.__setitem__((4, 0, 2), r.toes[4, 0, 2] + 0.03)),
+        ("goal.position", lambda r: r.com.__setitem__((4, 2), 0.43)),
+        ("goal.position", lambda r: r.toes.__setitem__((4, 0, 2), r.toes[4, 0, 2] + 0.03)),
         ("goal.rotation", lambda r: r.rpy.__setitem__((4, 2), 0.1)),
-        ("kinematics.toes", lambda r: r.com.__setitem__((2, 0), 0.4)),
+        ("kinematics.forward", lambda r: r.com.__setitem__((2, 0), 0.4)),
     ],
 )
 def test_check_and_statement_name_what_is_broken(walls: ClimbScene, name: str, change: Any) -> None:
@@ -355,7 +355,7 @@ def test_a_goal_missed_names_body_or_limb(walls: ClimbScene) -> None:
         point = rounds.com[4] if moved == "com" else rounds.toes[4, limb]
         point[2] += walls.spec.task.goal.tolerance + 0.03
         found = {v.name: v for v in check_postures(walls, rounds)}
-        assert str(found["goal.reached"]) == f"goal.reached at round 4, {where} by 30 mm"
+        assert str(found["goal.position"]) == f"goal.position at round 4, {where} by 30 mm"
 
 
 def test_check_refuses_a_diverged_answer(walls: ClimbScene) -> None:

@@ -92,14 +92,14 @@ def plan() -> ClimbPlan:
 def test_the_verifier_lets_stand_only_who_may(plan: ClimbPlan, tmp_path: Path) -> None:
     write_climb(plan, tmp_path / "plan.h5")
     passed = {check.name: check for check in verify(tmp_path / "plan.h5").checks}
-    assert passed["limbs.capsules"].passed
-    assert passed["trajectory.capsules"].passed
+    assert passed["limbs.collision"].passed
+    assert passed["trajectory.collision"].passed
     terrain = replace(plan.terrain, allowed=plan.terrain.allowed & False)
     failed = {c.name for c in verify_plan(replace(plan, terrain=terrain)).failed}
-    assert {"limbs.capsules", "trajectory.capsules", "contact.allowed"} <= failed
+    assert {"limbs.collision", "trajectory.collision", "contact.allowed"} <= failed
 
 
 def test_thicker_links_hit_what_is_beside_them(plan: ClimbPlan) -> None:
     robot = replace(plan.robot, limb_radius=0.1)
     failed = {c.name for c in verify_plan(replace(plan, robot=robot)).failed}
-    assert "limbs.capsules" in failed or "trajectory.capsules" in failed
+    assert "limbs.collision" in failed or "trajectory.collision" in failed

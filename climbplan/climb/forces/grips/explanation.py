@@ -106,7 +106,7 @@ def _describe_missing_pull(
     instant: GripInstant, pull: Array | None, unit: float, names: tuple[str, ...]
 ) -> Conflict:
     """Describe what is missing, without place and remedies."""
-    check_names: tuple[str, ...] = ("grip.press", "grip.shear")
+    check_names: tuple[str, ...] = ("grip.unilateral", "grip.shear")
     if pull is None:
         unbounded = replace(
             instant, command_margin=np.full_like(instant.command_margin, _UNBOUNDED_COMMAND)

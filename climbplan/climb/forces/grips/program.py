@@ -160,7 +160,7 @@ def map_linear_blocks(contacts: int) -> dict[str, slice]:
     counts = {
         "torque.limit": 12,
         "grip.force": 2,
-        "grip.press": NUM_PARTS,
+        "grip.unilateral": NUM_PARTS,
         "kinematics.joint_bounds": 6,
     }
     ends = contacts * np.cumsum(list(counts.values()))

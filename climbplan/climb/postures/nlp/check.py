@@ -131,7 +131,7 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
     goal_distance = np.linalg.norm(goal_distance, axis=1)[None] - task.tolerance
     rotation_error = np.abs(rounds.rpy[-1:] - goal.rpy).max(axis=1)
     rotation_error -= np.deg2rad(task.rotation_tolerance_deg)
-    findings.add("goal.reached", goal_distance, first_round=last)
+    findings.add("goal.position", goal_distance, first_round=last)
     findings.add("goal.rotation", rotation_error, "rad", first_round=last)
 
     # Joint bounds and links at all instants
@@ -140,9 +140,9 @@ def check_postures(scene: ClimbScene, rounds: Rounds) -> tuple[Violation, ...]:
     except ReachFailure as error:
         amount = max(error.missing, 10 * TOLERANCE)
         where = f"{error.where}, limb {error.limb} ({error.reason})"
-        findings.violations.append(Violation("kinematics.toes", amount, "m", where))
+        findings.violations.append(Violation("kinematics.forward", amount, "m", where))
     else:
-        findings.violations.append(Violation("kinematics.toes", 0.0, "m", "no instant"))
+        findings.violations.append(Violation("kinematics.forward", 0.0, "m", "no instant"))
         findings.violations.extend(_check_limb_clearance(scene, rounds, instants))
         collision = find_standing_overlap(scene, instants)
         overlap = Violation("limbs.self_collision", -np.inf, "m", "no instant")
@@ -159,7 +159,7 @@ def _check_limb_clearance(
     """Yield violations of the links' clearance: first at the instants, then along the swings."""
     standing = find_limb_shortfall(scene, rounds, instants)
     if standing is None:
-        yield Violation("limbs.clearance", -np.inf, "m", "no solids")
+        yield Violation("limbs.axis_collision", -np.inf, "m", "no solids")
         return
     links = compute_world_capsules(
         scene, instants.com, instants.rpy, instants.toes, instants.normal
@@ -180,7 +180,7 @@ def _check_limb_clearance(
             limb_index, where = limb, instants.label(k, scene.robot.limb_names)
             amount = missing
     where += f", limb {scene.robot.limb_names[limb_index]}"
-    yield Violation("limbs.clearance", amount, "m", where)
+    yield Violation("limbs.axis_collision", amount, "m", where)
     if amount > TOLERANCE:
         return  # no need to look at the ways between
     try:

@@ -45,7 +45,7 @@ from climbplan.solvers.ipopt.staged_program import CompiledStagedProgram
 
 MAX_ITERATIONS = 150  # per start; those that converge need 5 to 60
 # Blocks that the program holds at some instants only
-SAMPLED_BLOCKS = ("kinematics.toes", "limbs.clearance", "swing.limb_free")
+SAMPLED_BLOCKS = ("kinematics.forward", "limbs.axis_collision", "swing.limb_free")
 MAX_REFINEMENTS = 4  # of the best plan
 MAX_COST_RATIO = 0.999  # factor on the cost that a refinement has to reach
 SOLVER = "ipopt (mumps)"

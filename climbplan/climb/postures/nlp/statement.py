@@ -8,8 +8,8 @@ clear of it), setting down (toe clear of its new place, toe on it) and the end o
     subject to  step lengths within com_max, toe_max, rotation_max         A, B
                 toes within workspace balls of shoulders and stances       C
                 toes on their fixed contact regions, or on the tube        D
-                forward kinematics(angles) = toe at every moment           kinematics.toes
-                links beyond fixed separating planes of the obstacles      limbs.clearance
+                forward kinematics(angles) = toe at every moment           kinematics.forward
+                links beyond fixed separating planes of the obstacles      limbs.axis_collision
                 body corners within fixed free regions, or the tube        body.clearance
                 joint angles within bounds, goal within tolerance
 
@@ -145,8 +145,8 @@ def _build_round_stage(shape: NlpStructure) -> Stage:
                     min_violation - ca.dot(plane[:3], link_end)
                     for link_end in points[link : link + 2]
                 ]
-        stage.equal("kinematics.toes", ca.vertcat(*residuals), "m")
-        stage.add_upper_bound("limbs.clearance", *plane_violations)
+        stage.equal("kinematics.forward", ca.vertcat(*residuals), "m")
+        stage.add_upper_bound("limbs.axis_collision", *plane_violations)
 
     # C: workspace balls about shoulder and nominal stance, also at lift and placing
     balls = [("reach", "first_joint", "reach")]
@@ -205,7 +205,7 @@ def _build_goal_stage(shape: NlpStructure) -> Stage:
     last, c = stage.matrices
     deviation = {name: last[name] - c[f"goal_{name}"] for name in ("com", "rpy", "toes")}
     stage.add_upper_bound(
-        "goal.reached", ball_rows(ca.horzcat(deviation["com"], deviation["toes"]), c["tolerance"])
+        "goal.position", ball_rows(ca.horzcat(deviation["com"], deviation["toes"]), c["tolerance"])
     )
     rotation_excess = [sign * deviation["rpy"] - c["rotation_tolerance"] for sign in (1, -1)]
     stage.add_upper_bound("goal.rotation", *rotation_excess, unit="rad")

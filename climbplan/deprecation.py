@@ -91,6 +91,34 @@ RENAMED_CHECKS: Mapping[str, str] = {
 """Old names of checks, and of the blocks of programs that state the same, with the new ones."""
 
 
+RENAMED_METHODS: Mapping[str, Mapping[str, str]] = {
+    "bookshelf": {"convex": "pinned", "micp": "mccormick"},
+    "climb": {"coupled-micp": "coupled-mccormick", "spatial": "coupled-minlp-scip"},
+    "limms": {"modes": "mode-search"},
+    "mpc": {"micp": "spatial-branch-and-bound", "nlp": "mpcc", "search": "gait-search"},
+    "program": {"micp": "mccormick"},
+    "transition": {"complementarity": "mpcc", "enumerate": "stance-search"},
+}
+"""By kind of spec: old names of methods, with the new ones."""
+
+
+def current_method_name(kind: str, name: str, stacklevel: int | None = None) -> str:
+    """Return the name that a method has now; a name without a new one stays.
+
+    Args:
+        kind: Kind of spec, such as "climb".
+        name: Name of the method, old or new.
+        stacklevel: Level of the user's code, as `warnings.warn` counts it from `warn_renamed`;
+            None gives no warning, for names that files of earlier versions hold.
+    """
+    new = RENAMED_METHODS.get(kind, {}).get(name)
+    if new is None:
+        return name
+    if stacklevel is not None:
+        warn_renamed(f"the method `{name}`", f"`{new}`", stacklevel)
+    return new
+
+
 def current_check_name(name: str, known: Collection[str], stacklevel: int = 4) -> str:
     """Return the name under which a check or block is known, with a warning for an old one.
 

@@ -38,7 +38,7 @@ def past_a_post() -> Problem:
 
 def main() -> None:
     problem, theta = past_a_post(), {"start": [-0.1, -1.0]}
-    for method in ("micp", "minlp-scip", "mpcc", "admm"):
+    for method in ("mccormick", "minlp-scip", "mpcc", "admm"):
         found = climbplan.solve(problem, theta, method=method, time_limit=20.0)
         cost = "no answer" if found.objective is None else f"{found.objective:.4f}"
         print(f"{method:11s} {found.status:9s} {cost}")

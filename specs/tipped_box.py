@@ -6,7 +6,7 @@ are smooth blocks, moments products, contacts implications of one binary a corne
 
     climbplan solve specs/tipped_box.yaml --problem specs/tipped_box.py:problem
 
-`problem` leaves the contacts open (pinned, mpcc, micp), `scheduled` has them given (nlp).
+`problem` leaves the contacts open (pinned, mpcc, mccormick), `scheduled` has them given (nlp).
 """
 
 from __future__ import annotations

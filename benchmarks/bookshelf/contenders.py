@@ -45,20 +45,20 @@ CONTENDERS = (
     Contender(
         "convex-qp",
         "convex, 10 candidates, one QP each (OSQP)",
-        {"method": "convex", "candidates": 10, "refinements": 0, "solver": "osqp"},
+        {"method": "pinned", "candidates": 10, "refinements": 0, "solver": "osqp"},
         effort="some",
         learns=True,
     ),
     Contender(
         "convex-10",
         "convex, 10 candidates, local SQP",
-        {"method": "convex", "candidates": 10},
+        {"method": "pinned", "candidates": 10},
         learns=True,
     ),
     Contender(
         "convex-50",
         "convex, 50 candidates, local SQP",
-        {"method": "convex", "candidates": 50},
+        {"method": "pinned", "candidates": 50},
         learns=True,
     ),
     Contender(

@@ -14,7 +14,7 @@ from climbplan.errors import NoPlanFound
 from climbplan.instances.patch_layout import generate_layout
 from climbplan.schema.robots.source import load_robot
 
-METHODS = ("micp", "coupled", "coupled-nlp", "coupled-micp")
+METHODS = ("micp", "coupled", "coupled-nlp", "coupled-mccormick")
 
 
 def solves(spec: ClimbSpec) -> bool:

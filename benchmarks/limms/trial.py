@@ -23,7 +23,7 @@ from climbplan.schema.yaml_source import parse_yaml
 
 Method = Literal["modes", "admm", "admm-published"]
 ASSIGNMENTS: dict[Method, tuple[str, ...]] = {  # of each method
-    "modes": ("solver.method=modes",),
+    "modes": ("solver.method=mode-search",),
     "admm": ("solver.method=admm",),
     "admm-published": ("solver.method=admm", "solver.admm.formulation=published"),
 }

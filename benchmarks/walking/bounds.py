@@ -33,11 +33,11 @@ _ROOM = {"angles_deg": (1.0, 2.0, 1.0), "spin": (0.25, 0.5, 0.25)}
 
 
 def bound_table(seed: int, quick: bool, jobs: int, stream: TextIO) -> None:
-    """Print the bound of `micp` about what several searches find, and how far they are apart."""
+    """Print the lower bound about what several searches find, and how far they are apart."""
     seconds, seeds = (_QUICK, _QUICK_SEEDS) if quick else (_SECONDS, _SEEDS)
     print(
-        f"micp: up to {seconds:.0f} s of processor time of each of {_PROCESSES} processes, "
-        "published form; bounds are of\nmotions in tubes that hold "
+        f"branch and bound: up to {seconds:.0f} s of processor time of each of {_PROCESSES} "
+        "processes, published form; bounds are of\nmotions in tubes that hold "
         f"what {seeds} seeds of search find, with "
         f"{_listed(_ROOM['angles_deg'])} deg and {_listed(_ROOM['spin'])} rad/s of room\n"
         "task                cost   bound    gap  (asked)  CPU [s]  tubes  of its gait: gap, "
@@ -66,7 +66,7 @@ class _Known:
 def _known(seed: int, quick: bool, name: str) -> _Known:
     """Search, and bound the gait of what is cheapest."""
     seconds, seeds = (_QUICK, _QUICK_SEEDS) if quick else (_SECONDS, _SEEDS)
-    loaded = shipped(name, *FORMS["published"])  # `micp` bounds no other
+    loaded = shipped(name, *FORMS["published"])  # `spatial-branch-and-bound` bounds no other
     task = build_task(loaded.spec, loaded.robot, loaded.source)
     qps = loaded.spec.solver.max_qp_solves
     found = [search(task, SearchLimits(_LONGEST, seed=seed + k, qps=qps)) for k in range(seeds)]

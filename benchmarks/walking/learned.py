@@ -1,8 +1,8 @@
 """Learned strategies on fresh tasks: one library of walks, on ground that it has not seen.
 
 Each task is planned once, 400 ms ahead, by a tick of the controller without a plan before: gaits of
-the library in the order of the strategy, then those by name. Its cost is set against what `search`
-finds of the same task.
+the library in the order of the strategy, then those by name. Its cost is set against what
+`gait-search` finds of the same task.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ Draw = Callable[[WalkTask, int, np.random.Generator], WalkTask]
 
 @dataclass(frozen=True)
 class Fresh:
-    """A task, the knots of it that a tick plans, and what `search` pays for these.
+    """A task, the knots of it that a tick plans, and what `gait-search` pays for these.
 
     The cost is infinite if it finds nothing.
     """
@@ -51,7 +51,7 @@ class Fresh:
 def strategy_table(
     inputs: OnlineInputs, seed: int, quick: bool, stream: TextIO
 ) -> list[dict[str, Any]]:
-    """Print success, cost against `search`, and time of a tick by strategy and kind of task."""
+    """Print success, cost against `gait-search` and time of a tick, by strategy and task."""
     count, library = _QUICK if quick else _TASKS, inputs.libraries[-1]
     qps = _QUICK_QPS if quick else _QPS
     print(

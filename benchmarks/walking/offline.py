@@ -38,7 +38,7 @@ def offline_tables(seed: int, quick: bool, jobs: int, stream: TextIO) -> None:
     for row in in_order(partial(_task, seed), tasks, jobs):
         print(row, file=stream, flush=True)
     print(
-        "nlp from random starts: v_x within 1.5 m/s, a_x within 15 m/s^2 through a knot before\n"
+        "mpcc from random starts: v_x within 1.5 m/s, a_x within 15 m/s^2 through a knot before\n"
         "starts               form       count  success  CPU median [ms]   95 %   most  "
         "to published 1.34 s",
         file=stream,

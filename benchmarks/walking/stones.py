@@ -30,7 +30,7 @@ from climbplan.walking.task.task import WalkTask, WalkTrajectory
 
 SPEC = "mpc_stones"
 _FIELDS, _QUICK = 50, 2
-_SEARCHED = 10  # of them by `search`, which takes as long as thirty of the others
+_SEARCHED = 10  # of them by `gait-search`, which takes as long as thirty of the others
 _SECONDS = 120.0
 _BEYOND = 0.6  # [s] longer than the horizon of an offline plan
 _ONLINE = ("solver.method=online", "task.goal=null")
@@ -49,7 +49,7 @@ def stones_table(seed: int, quick: bool, jobs: int, stream: TextIO) -> None:
         file=stream,
     )
     kept: list[str] = []
-    for method, fields in (("search", min(count, _SEARCHED)), ("nlp", count)):
+    for method, fields in (("gait-search", min(count, _SEARCHED)), ("mpcc", count)):
         found = list(in_order(partial(_field_by, method), range(seed, seed + fields), jobs))
         times = np.array([spent for spent, _, _ in found])
         costs = [cost for _, cost, _ in found if cost is not None]
@@ -66,7 +66,7 @@ def _field_by(method: str, number: int) -> tuple[float, float | None, str]:
     loaded = shipped(SPEC, _field(number))
     task = build_task(loaded.spec, loaded.robot, loaded.source)
     begin = time.process_time()
-    if method == "nlp":
+    if method == "mpcc":
         answer = solve_nlp(task, "walking trot", _SECONDS)
     else:
         answer = search(task, SearchLimits(_SECONDS, qps=loaded.spec.solver.max_qp_solves))

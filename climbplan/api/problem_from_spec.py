@@ -43,8 +43,8 @@ def problem_from_spec(
     Rows may be added before the problem is solved: `problem.program.between("mine", ...)` on
     `problem.program.affine(...)`; `problem.program.variables` lists the variables. Solutions have
     to pass the problem's exact checker where it has one (exact rotations, transitions, walks,
-    bookshelves). Methods of the table see the formulation alone: their `micp` is the generic
-    branch and bound, slower than the planner's method of that name, which uses the structure.
+    bookshelves). Methods of the table see the formulation alone: their `branch-and-bound` is
+    slower than the planner's `micp`, which uses the structure.
 
     Args:
         spec: the result of `climbplan.load_spec`, or anything that it takes.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.arrays import Array
-from climbplan.deprecation import RenamedAttribute, warn_renamed
+from climbplan.deprecation import RenamedAttribute, current_method_name, warn_renamed
 from climbplan.errors import UsageError
 from climbplan.program.problem import Problem, Theta
 from climbplan.program.statement import Program
@@ -131,9 +131,9 @@ def solve(
     Args:
         problem: the problem, or its program alone.
         theta: numbers by parameter block; None for a problem without parameters.
-        method: a name from `climbplan.methods.table.METHODS`, such as "branch-and-bound", "micp",
-            "mpcc", "minlp-scip", "pinned" or "knn". "auto" takes the built-in branch and bound
-            where it supports the formulation, "micp" otherwise.
+        method: a name from `climbplan.methods.table.METHODS`, such as "branch-and-bound",
+            "mccormick", "mpcc", "minlp-scip", "pinned" or "knn". "auto" takes the built-in branch
+            and bound where it supports the formulation, "mccormick" otherwise.
         settings: fields of `climbplan.methods.task.MethodSettings`, such as `gap=1e-3`,
             `time_limit=10.0` [s] or `solver="scip"`. `library` and `model` may be files of
             `climbplan solve`, `climbplan gen-data` and `climbplan fit-strategy`.
@@ -148,6 +148,9 @@ def solve(
     from climbplan.methods.task import MethodSettings
 
     exact_problem = Problem(problem.name, problem) if isinstance(problem, Program) else problem
+    method = current_method_name("program", method, stacklevel=5)
+    if isinstance(settings.get("fallback"), str):
+        settings["fallback"] = current_method_name("program", settings["fallback"], stacklevel=5)
     selected = next((name for name in METHODS if name == method), None)
     if selected is None:
         raise UsageError(f"unknown method {method!r}: expected one of {', '.join(METHODS)}")

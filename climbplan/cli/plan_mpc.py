@@ -21,7 +21,11 @@ def plan_mpc(
     time_limit: TimeLimit = None,
     method: Annotated[
         str | None,
-        typer.Option("--method", metavar="NAME", help="Method: search, nlp, micp or online."),
+        typer.Option(
+            "--method",
+            metavar="NAME",
+            help="Method: gait-search, mpcc, spatial-branch-and-bound or online.",
+        ),
     ] = None,
     as_json: Json = False,
     no_report: NoReport = False,

@@ -1,4 +1,4 @@
-"""Solve any program as a mixed-integer convex one, in rounds of finer envelopes (`micp`).
+"""Solve any program as a mixed-integer convex one, in rounds of finer envelopes (`mccormick`).
 
 Products become piecewise McCormick envelopes on grids of one factor each, implications and choices
 big-M or convex-hull rows. The relaxation gives a bound and integers. The exact program at these
@@ -32,7 +32,7 @@ from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judge_answer, relative_gap
 from climbplan.solvers.separable_cost import factor_cost
 
-NAME = "micp"
+NAME = "mccormick"
 Disjunction = Literal["big-m", "hull"]
 # Backend `scip` supports no stated binaries; its bilinear model supports everything.
 MICP_SOLVERS = {"highs": "highs", "scip": "minlp-scip", "gurobi": "gurobi"}

@@ -95,7 +95,7 @@ def solve_instance(
     begin = time.perf_counter()
     task = Task(problem, theta, instance, settings, begin, kept or SharedCache())
     if is_automatic and method == "branch-and-bound":
-        outcome, method = _solve_by_tree_or_micp(task)
+        outcome, method = _solve_by_tree_or_mccormick(task)
     else:
         outcome = _METHODS[method](task)
     if method in LEARNED and outcome.result.x is None and settings.fallback is not None:
@@ -116,15 +116,15 @@ def solve_instance(
 def _select_method(instance: Instance, settings: MethodSettings) -> Method:
     """Select the built-in tree where it supports the statement and no other solver is required.
 
-    `micp` is selected for more products than the tree, whose matrices are dense, solves fast.
+    `mccormick` is selected for more products than the tree, whose matrices are dense, solves fast.
     """
     uses_tree = instance.features <= require("branch-and-bound").accepts and settings.solver is None
     uses_tree = uses_tree and instance.products.count <= _MAX_PRODUCTS
-    return "branch-and-bound" if uses_tree else "micp"
+    return "branch-and-bound" if uses_tree else "mccormick"
 
 
-def _solve_by_tree_or_micp(task: Task) -> tuple[Outcome, Method]:
-    """Solve by the built-in tree, or by `micp` where a direction without cost is unbounded."""
+def _solve_by_tree_or_mccormick(task: Task) -> tuple[Outcome, Method]:
+    """Solve by the built-in tree, or by `mccormick` where a direction without cost is unbounded."""
     tree_outcome = None
     try:
         tree_outcome = solve_by_tree(task)
@@ -135,14 +135,14 @@ def _solve_by_tree_or_micp(task: Task) -> tuple[Outcome, Method]:
         task.settings.certificate or not np.isneginf(tree_outcome.result.bound)
     ):
         return tree_outcome, "branch-and-bound"
-    micp_outcome = solve_by_envelopes(task)
+    mccormick_outcome = solve_by_envelopes(task)
     if (
         tree_outcome is not None
-        and micp_outcome.result.x is None
+        and mccormick_outcome.result.x is None
         and tree_outcome.result.x is not None
     ):
         return tree_outcome, "branch-and-bound"
-    return micp_outcome, "micp"
+    return mccormick_outcome, "mccormick"
 
 
 def _solve_by_fallback(task: Task, method: Method, fallback: Method, outcome: Outcome) -> Outcome:
@@ -164,7 +164,7 @@ _METHODS: dict[str, Callable[[Task], Outcome]] = {
     "benders": solve_by_benders,
     "minlp-scip": solve_by_scip,
     "minlp-bonmin": solve_by_bonmin,
-    "micp": solve_by_envelopes,
+    "mccormick": solve_by_envelopes,
     "nlp": solve_by_ipopt,
     "mpcc": solve_by_complementarity,
     "admm": solve_by_admm,

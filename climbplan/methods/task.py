@@ -63,7 +63,7 @@ class MethodSettings:
     gaps and tolerances are those of the settings.
     """
 
-    solver: str | None = None  # micp, admm: highs, scip, gurobi; pinned, knn: ipopt, sqp, ...
+    solver: str | None = None  # mccormick, admm: highs, scip, gurobi; pinned, knn: ipopt, sqp, ...
     gap: float = 1e-4  # relative
     time_limit: float = 60.0  # [s] of one instance
     tolerance: float = 1e-6  # largest violation of any row, in its own unit

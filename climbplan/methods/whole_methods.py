@@ -43,7 +43,7 @@ def solve_by_tree(task: Task) -> Outcome:
     unsupported = task.instance.features - require(name).accepts
     if unsupported:
         raise UsageError(
-            f"method {name!r} holds no {' and no '.join(sorted(unsupported))}: use micp, "
+            f"method {name!r} holds no {' and no '.join(sorted(unsupported))}: use mccormick, "
             "mpcc or pinned"
         )
     if settings.certificate:
@@ -72,8 +72,8 @@ def solve_by_scip(task: Task) -> Outcome:
     settings = task.settings
     if task.instance.smooth is not None:
         raise UsageError(
-            "method 'minlp-scip' cannot hold smooth rows: use minlp-bonmin, mpcc, pinned, micp or "
-            "admm, without integers nlp"
+            "method 'minlp-scip' cannot hold smooth rows: use minlp-bonmin, mpcc, pinned, "
+            "mccormick or admm, without integers nlp"
         )
     result = require("minlp-scip").load()(task.instance, settings.gap, task.time_left)
     return Outcome(_polish(task, result), "SCIP", 1)
@@ -102,7 +102,7 @@ def solve_by_envelopes(task: Task) -> Outcome:
                 "envelopes on the grid", lambda: grid.form(without_smooth, lambda: task.is_late)
             )
         except LimitReached as late:
-            answer = Answer(None, -np.inf, False, 0, settings.time_limit, "micp", (str(late),))
+            answer = Answer(None, -np.inf, False, 0, settings.time_limit, "mccormick", (str(late),))
             return Outcome(
                 judge_answer(task.instance, answer, settings.gap, settings.tolerance), "", 0
             )
@@ -123,7 +123,8 @@ def solve_by_ipopt(task: Task) -> Outcome:
     settings, guess = task.settings, task.compute_guess()
     if unsupported := task.instance.features & {"integers", "choices"}:
         raise UsageError(
-            f"method 'nlp' holds no {' or '.join(sorted(unsupported))}: use mpcc, micp or pinned"
+            f"method 'nlp' holds no {' or '.join(sorted(unsupported))}: "
+            "use mpcc, mccormick or pinned"
         )
     result = solve_ipopt(task.instance, settings.gap, task.time_left, settings.tolerance, guess)
     return Outcome(result, "start zero" if guess is None else "start manual", 1)

@@ -222,8 +222,8 @@ class Program:
 
         For what is neither affine nor a product: rotations, kinematics, distances. A function that
         is the same at every knot is mapped by `climbplan.program.smooth.over_knots`. The bounds are
-        numbers. nlp, mpcc, pinned and minlp-bonmin hold such blocks; micp, admm and reduce find
-        integers without them and pin these; minlp-scip refuses them.
+        numbers. nlp, mpcc, pinned and minlp-bonmin hold such blocks; mccormick, admm and reduce
+        find integers without them and pin these; minlp-scip refuses them.
         """
         entries = self._entries(name, expression)
         low, high = bounds_of(f"{self.name}: block {name!r}", lower, upper, entries.shape)

@@ -39,6 +39,7 @@ class Document:
     options: dict[KeyPath, str] = field(default_factory=dict)  # set by this command option
     findings: list[Finding] = field(default_factory=list)  # mistakes of the YAML itself
     renamed: list[tuple[str, KeyPath]] = field(default_factory=list)  # old key, path of the new
+    renamed_values: list[tuple[KeyPath, str, str]] = field(default_factory=list)  # old, new value
 
     def mistake(self, finding: Finding) -> SpecMistake:
         """Return the finding with the line or the option that its value came from."""

@@ -9,7 +9,11 @@ from typing import Any, Literal, Self
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.document import Document, Finding, KeyPath, format_key_path
-from climbplan.schema.renamed_keys import renamed_override, warn_of_renamed
+from climbplan.schema.renamed_keys import (
+    rename_methods,
+    renamed_override,
+    warn_of_renamed,
+)
 from climbplan.schema.wording import format_value
 from climbplan.schema.yaml_source import DEEPEST, parse_yaml, write_yaml
 
@@ -92,6 +96,7 @@ def _apply(document: Document, override: Override) -> None:
             _forget(document, path)
             holder[slot] = parsed.value
             document.options[path] = override.option
+            rename_methods(document)
         else:
             if isinstance(holder, dict) and holder.get(str(slot)) is None:
                 holder[slot] = {}
@@ -135,6 +140,7 @@ def _forget(document: Document, path: KeyPath) -> None:
     document.lines = {p: n for p, n in document.lines.items() if p[:depth] != path}
     document.options = {p: o for p, o in document.options.items() if p[:depth] != path}
     document.findings = [f for f in document.findings if f.path[:depth] != path]
+    document.renamed_values = [r for r in document.renamed_values if r[0][:depth] != path]
 
 
 def _build_error(option: str, message: str) -> SpecError:

@@ -1,4 +1,4 @@
-"""Old names of spec keys: they keep their meaning, and specs that have them get a warning.
+"""Old names of spec keys and methods: they keep their meaning, with a warning for each.
 
 A document is rewritten to the new names as soon as its YAML is parsed, so that models, messages
 and comparisons of specs know the new names only. Its text is left as its user wrote it.
@@ -10,6 +10,7 @@ import warnings
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from climbplan.deprecation import RENAMED_METHODS
 from climbplan.schema.document import Document, Finding, KeyPath, format_key_path
 
 _TERRAIN = {"terrain.scan.least_size": "min_size"}
@@ -78,6 +79,30 @@ RENAMED_KEYS: Mapping[str, Mapping[str, str]] = {
 }
 """By kind of spec: dotted path of an old key (`*` for any entry of a list), and its new name."""
 
+METHOD_KEYS: Mapping[str, tuple[str, ...]] = {
+    "mpc": ("solver.method", "solver.initial_solution"),
+    "program": ("solver.method", "solver.fallback"),
+}
+"""By kind of spec: keys whose value is the name of a method; `solver.method` of the others."""
+
+
+def rename_methods(document: Document) -> None:
+    """Give methods in the values of a document their new names, in place.
+
+    Every renamed value is appended to `document.renamed_values`.
+    """
+    for root, kind in list(_specs_within(document.value, ())):
+        renamed = RENAMED_METHODS.get(kind, {})
+        for key in METHOD_KEYS.get(kind, ("solver.method",)):
+            for path in list(_match_paths(document.value, root, key)):
+                holder = document.value
+                for segment in path[:-1]:
+                    holder = holder[segment]
+                old = holder[path[-1]]
+                if isinstance(old, str) and old in renamed:
+                    holder[path[-1]] = renamed[old]
+                    document.renamed_values.append((path, old, renamed[old]))
+
 
 def rename_keys(document: Document) -> None:
     """Give the keys of a parsed document their new names, in place.
@@ -110,14 +135,22 @@ def renamed_override(document: Document, key: str) -> str:
 
 
 def warn_of_renamed(document: Document) -> None:
-    """Warn once of every key of a document, or of its overrides, that has an old name."""
-    for old, path in document.renamed:
+    """Warn once of every old name of a key or method in a document or in its overrides."""
+    messages = [
+        (path, f"the key `{old}` is now `{format_key_path(path)}`")
+        for old, path in document.renamed
+    ]
+    messages += [
+        (path, f"the method `{old}` of `{format_key_path(path)}` is now `{new}`")
+        for path, old, new in document.renamed_values
+    ]
+    for path, message in messages:
         option = document.options.get(path)
         line = document.lines.get(path)
         place = option or (f"{document.source}, line {line}" if line else document.source)
-        message = f"{place}: the key `{old}` is now `{format_key_path(path)}`"
-        warnings.warn(message, FutureWarning, stacklevel=2)
+        warnings.warn(f"{place}: {message}", FutureWarning, stacklevel=2)
     document.renamed.clear()
+    document.renamed_values.clear()
 
 
 def _specs_within(value: Any, path: KeyPath) -> Iterator[tuple[KeyPath, str]]:

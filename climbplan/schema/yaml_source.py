@@ -15,7 +15,7 @@ import yaml
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.document import Document, Finding, KeyPath
-from climbplan.schema.renamed_keys import rename_keys
+from climbplan.schema.renamed_keys import rename_keys, rename_methods
 
 MOST_VALUES = 200_000  # after aliases and merges are expanded
 DEEPEST = 64  # levels of nesting
@@ -112,6 +112,7 @@ def parse_yaml(text: str, source: str) -> Document:
         # The last two escape from the scanner on escapes such as "\Uffffffff".
         raise SpecError(source, [_describe_syntax_mistake(error, text, line)]) from None
     rename_keys(document)
+    rename_methods(document)
     return document
 
 

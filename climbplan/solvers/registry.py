@@ -192,7 +192,7 @@ BACKENDS = {
             install="pip install 'climbplan[gurobi]'",
             accepts=_DISJUNCTIVE | {"integers"},
             load=_load_gurobi,
-            purpose="optional, of convex programs with choices or binaries, micp and admm",
+            purpose="optional, of convex programs with choices or binaries, mccormick and admm",
         ),
         Backend(
             name="highs",
@@ -201,7 +201,7 @@ BACKENDS = {
             install="pip install highspy",
             accepts=frozenset({"balls", "integers"}),
             load=_load_highs,
-            purpose="micp and admm; quadratic costs by outer approximation",
+            purpose="mccormick and admm; quadratic costs by outer approximation",
         ),
         Backend(
             name="minlp-scip",

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from climbplan.deprecation import current_method_name
 from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_datasets
@@ -93,6 +94,7 @@ def _read(reader: Reader) -> ProgramPlan:
     arrays: dict[str, Any] = reader.datasets("", _ARRAYS)
     bounds = reader.datasets("", _BOUNDS)
     texts: dict[str, Any] = reader.datasets("", _TEXTS)
+    texts["method"] = tuple(current_method_name("program", name) for name in texts["method"])
     has_answer = arrays["found"]
     for name in reader.not_finite:
         bad = np.isnan(arrays[name]) if name in arrays else np.array([True])

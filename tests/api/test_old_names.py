@@ -66,6 +66,10 @@ def test_old_methods_warn_and_return_what_the_new_ones_do() -> None:
         assert program.at().size == 1
     problem = Problem("line", program)
     solution = climbplan.solve(problem)
+    with pytest.warns(FutureWarning, match=r"`micp` is now `mccormick`") as warned:
+        renamed = climbplan.solve(problem, method="micp")
+    assert renamed.method_name == "mccormick"
+    assert warned[0].filename == __file__
     with pytest.warns(FutureWarning, match=r"`Solution.why` is now `Solution.message`"):
         assert solution.why == solution.message
     with pytest.warns(FutureWarning, match=r"`Solution.method` is now `Solution.method_name`"):

@@ -70,7 +70,7 @@ def test_mpcc_from_zero_says_that_it_found_nothing(scenes: Scenes) -> None:
     assert "found none" in answer.message
 
 
-@pytest.mark.parametrize("method", ["mpcc", "convex", "knn"])
+@pytest.mark.parametrize("method", ["mpcc", "pinned", "knn"])
 def test_neighbours_solve_what_the_library_holds(
     scenes: Scenes, optima: list[SceneAnswer], library: Path, method: str
 ) -> None:
@@ -90,7 +90,7 @@ def test_neighbours_of_other_scenes(
     """A library without the scene itself: placements hold and cost no less than the optimum."""
     source = {"file": str(library), "size": 30}
     which = range(31, 35)
-    options = {"method": "convex", "library": source, "solver": backend, "candidates": 8}
+    options = {"method": "pinned", "library": source, "solver": backend, "candidates": 8}
     answers = solved(scenes, which, options)
     assert sum(a.placement is not None for a in answers) >= 3
     for k, answer in zip(which, answers, strict=True):
@@ -98,7 +98,7 @@ def test_neighbours_of_other_scenes(
 
 
 def test_the_published_convex_program_answers_or_says_so(scenes: Scenes, library: Path) -> None:
-    options = {"method": "convex", "library": {"file": str(library)}, "refinements": 0}
+    options = {"method": "pinned", "library": {"file": str(library)}, "refinements": 0}
     (answer,) = solved(scenes, [0], {**options, "candidates": 2})
     assert answer.placement is not None or "candidates" in answer.message
 
@@ -107,7 +107,7 @@ def test_knn_falls_back_to_exact(scenes: Scenes, library: Path) -> None:
     """One quadratic program about another scene leads nowhere in most."""
     options = {"library": {"file": str(library), "size": 1}, "candidates": 1, "refinements": 1}
     which = range(9, 17)
-    alone = solved(scenes, which, {**options, "method": "convex"})
+    alone = solved(scenes, which, {**options, "method": "pinned"})
     both = solved(scenes, which, {**options, "method": "knn"})
     assert any(a.placement is None for a in alone)
     for first, second in zip(alone, both, strict=True):
@@ -128,7 +128,7 @@ def test_admm(scenes: Scenes, optima: list[SceneAnswer], meaning: Meaning) -> No
 @pytest.mark.slow
 def test_bounds_of_the_statement_hold(scenes: Scenes, optima: list[SceneAnswer]) -> None:
     """SCIP's and the envelopes' bounds are below the optimum that branch and bound proved."""
-    for method in ("minlp-scip", "micp"):
+    for method in ("minlp-scip", "mccormick"):
         (answer,) = solved(scenes, [9], {"method": method, "time_limit": 4.0})
         assert answer.bound <= optima[9].objective + 1e-6, method
         assert answer.objective >= optima[9].bound - 1e-3, method
@@ -147,7 +147,7 @@ def test_bonmin_finds_a_placement(scenes: Scenes, optima: list[SceneAnswer]) -> 
 
 def test_envelopes_go_to_scip_as_well(scenes: Scenes, optima: list[SceneAnswer]) -> None:
     """SCIP's model of mixed-integer bilinear programs takes those without products too."""
-    options = {"method": "micp", "solver": "scip", "time_limit": 2.0}
+    options = {"method": "mccormick", "solver": "scip", "time_limit": 2.0}
     (answer,) = solved(scenes, [9], options)
     assert answer.bound <= optima[9].objective + 1e-3
     assert answer.status in ("optimal", "feasible", "limit")
@@ -158,7 +158,7 @@ def test_published_meaning_is_cheaper_than_contact(
 ) -> None:
     """Its tolerances let books overlap, so that its optima cost less in nearly all scenes."""
     source = {"file": str(library), "foreign": True}
-    options = {"method": "convex", "library": source, "candidates": 12}
+    options = {"method": "pinned", "library": source, "candidates": 12}
     which = [9, 30, 35, 11]
     answers = solved(scenes, which, options, "published")
     cheaper = [a.objective < optima[k].objective for k, a in zip(which, answers, strict=True)]
@@ -167,17 +167,17 @@ def test_published_meaning_is_cheaper_than_contact(
 
 def test_what_does_not_go_together(scenes: Scenes, library: Path) -> None:
     with pytest.raises(UsageError, match=r"solver\.library"):
-        solved(scenes, [0], {"method": "convex"})
+        solved(scenes, [0], {"method": "pinned"})
     with pytest.raises(UsageError, match="none of convex programs"):
         solved(
             scenes,
             [0],
-            {"method": "convex", "library": {"file": str(library)}, "solver": "highs"},
+            {"method": "pinned", "library": {"file": str(library)}, "solver": "highs"},
         )
     setting = MethodSetting(
         Shelf(),
         "contact",
-        ShelfSolverSpec(method="convex", library={"file": str(library)}),  # type: ignore[arg-type]
+        ShelfSolverSpec(method="pinned", library={"file": str(library)}),  # type: ignore[arg-type]
         SPECS,
     )
     with pytest.raises(UsageError, match="3 stored books, expected 4"):
@@ -196,7 +196,7 @@ def test_what_does_not_go_together(scenes: Scenes, library: Path) -> None:
         (Shelf(), "published", "made for meaning 'contact', here it is 'published'"),
     ],
 )
-@pytest.mark.parametrize("method", ["convex", "knn", "mpcc"])
+@pytest.mark.parametrize("method", ["pinned", "knn", "mpcc"])
 def test_a_library_of_another_shelf_or_meaning_is_refused_unless_the_spec_takes_it(
     library: Path, shelf: Shelf, meaning: Meaning, words: str, method: str
 ) -> None:

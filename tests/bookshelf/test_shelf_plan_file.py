@@ -256,7 +256,7 @@ TAMPERED: dict[str, tuple[Change, set[str], set[str]]] = {
     ),
     "no spec": (spec_with("kind: bookshelf", "kind: climb"), {"file.spec_values"}, set()),
     "seed": (attribute("/", "seed", 5), {"file.spec_values"}, set()),
-    "method": (attribute("/", "method", "micp"), {"file.spec_values"}, set()),
+    "method": (attribute("/", "method", "mccormick"), {"file.spec_values"}, set()),
 }  # fmt: skip
 
 

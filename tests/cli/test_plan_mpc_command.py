@@ -25,12 +25,12 @@ def test_shipped_tasks_are_planned(run_command: RunCommand, workplace: Path, nam
 
 def test_report_verify_export(run_command: RunCommand, workplace: Path) -> None:
     spec = str(SPECS / "mpc_forward.yaml")
-    options = ["--method", "nlp", "--time-limit", "60", "-o", "walk", "--json"]
+    options = ["--method", "mpcc", "--time-limit", "60", "-o", "walk", "--json"]
     done = run_command("plan-mpc", spec, *options)
     assert done.code == 0, done.err
     report = json.loads(done.out)
     assert report["verified"] is True
-    assert report["method"] == "nlp"
+    assert report["method"] == "mpcc"
     assert len(report["gait"]["contact"]) == 9
     figures = {path.name for path in (workplace / "walk" / "figures").iterdir()}
     assert figures == {"tracking.png", "gait.png", "snapshots.png"}

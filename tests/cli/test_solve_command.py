@@ -101,7 +101,7 @@ def test_every_published_method_from_the_command_line(
     costs = {}
     known = ("-s", "solver.library=library/plan.h5")
     for method, more in (
-        ("micp", ("-s", "solver.envelopes.rounds=1")),
+        ("mccormick", ("-s", "solver.envelopes.rounds=1")),
         ("mpcc", ("-s", "solver.start=knn", *known)),
         ("pinned", known),
         ("knn", known),
@@ -114,7 +114,7 @@ def test_every_published_method_from_the_command_line(
         costs[method] = report["objective"]
     assert report["results"][0]["winner"].startswith("neighbour")
     best = min(costs.values())
-    assert costs["micp"] == pytest.approx(best, rel=1e-3)
+    assert costs["mccormick"] == pytest.approx(best, rel=1e-3)
     assert all(cost <= 2 * best for cost in costs.values())
 
 
@@ -198,7 +198,7 @@ def test_what_a_statement_prints_is_no_result(run_command: RunCommand, pond: Pat
     assert "stating" not in again.out
 
 
-@pytest.mark.parametrize("method", ["micp", "mpcc", "minlp-bonmin", "admm", "pinned"])
+@pytest.mark.parametrize("method", ["mccormick", "mpcc", "minlp-bonmin", "admm", "pinned"])
 def test_one_variable_alone(run_command: RunCommand, pond: Path, method: str) -> None:
     (pond / "one.py").write_text(
         "from climbplan.program import Problem, Program\n"

@@ -30,7 +30,7 @@ def spec(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "climb_walker.yaml"
 
 
-@pytest.mark.parametrize("method", ["coupled-modes", "spatial"])
+@pytest.mark.parametrize("method", ["coupled-modes", "coupled-minlp-scip"])
 def test_coupled_postures_of_a_chain(spec: Path, method: str) -> None:
     loaded = load_climb(spec, [*ONE_ROUND, f"solver.method={method}"])
     scene = build_scene(loaded.spec, loaded.robot, loaded.source)

@@ -87,7 +87,7 @@ def _scene(name: str, *overrides: str) -> ClimbScene:
     return build_scene(loaded.spec, loaded.robot, loaded.source)
 
 
-@pytest.mark.parametrize("method", ["coupled-micp", "spatial"])
+@pytest.mark.parametrize("method", ["coupled-mccormick", "coupled-minlp-scip"])
 def test_methods_with_bounds_close_small_climbs(method: str) -> None:
     given = ["task.rounds=2", "task.goal.com=[0, 0, 0.15]", "solver.time_limit=60"]
     found = plan_coupled(_scene("climb_patches", f"solver.method={method}", *given))

@@ -26,7 +26,7 @@ from climbplan.program import Problem, Program
 from climbplan.reformulations.mccormick import McCormick
 
 SEEDS = range(5)
-GLOBAL = ("minlp-scip", "micp", "benders")
+GLOBAL = ("minlp-scip", "mccormick", "benders")
 QUICK: dict[str, MethodSettings] = {"minlp-bonmin": MethodSettings(time_limit=20.0)}
 
 
@@ -82,13 +82,13 @@ def test_answers_pass_the_check(method: Method, bilinear: bool) -> None:
 def test_micp_proves_and_closes_its_gap() -> None:
     problem = islands_problem(partitions={"sail": 4})
     theta = problem.sample_parameters(np.random.default_rng(1))
-    result = solve_instance(problem, theta, "micp", MethodSettings(gap=0.05)).result
+    result = solve_instance(problem, theta, "mccormick", MethodSettings(gap=0.05)).result
     assert result.status == "optimal"
     assert result.gap is not None
     assert result.gap <= 0.05
 
 
-@pytest.mark.parametrize("method", ["minlp-scip", "micp"])
+@pytest.mark.parametrize("method", ["minlp-scip", "mccormick"])
 def test_infeasible_is_proved(method: Method) -> None:
     result = solve_instance(impossible(), {}, method).result
     assert (result.status, result.x) == ("infeasible", None)
@@ -190,7 +190,7 @@ def test_micp_on_a_grid_of_ones_own_keeps_its_rows() -> None:
     settings, kept = MethodSettings(envelopes=EnvelopeOptions(grid=grid)), SharedCache()
     for seed in SEEDS:
         theta = problem.sample_parameters(np.random.default_rng(seed))
-        answer = solve_instance(problem, theta, "micp", settings, kept).result
+        answer = solve_instance(problem, theta, "mccormick", settings, kept).result
         best = enumerated(problem.instance(theta))
         assert answer.bound <= best + 1e-5
         assert answer.objective is not None
@@ -230,7 +230,7 @@ def test_what_cannot_be_asked_for() -> None:
     with pytest.raises(UsageError, match="needs integers to keep"):
         solve_instance(problem, theta, "pinned")
     with pytest.raises(UsageError, match="expected one of highs, scip, gurobi"):
-        solve_instance(problem, theta, "micp", MethodSettings(solver="daqp"))
+        solve_instance(problem, theta, "mccormick", MethodSettings(solver="daqp"))
     frame = ProgramSignature.of(two_ways())
     other = Library.of(frame, np.zeros((1, 2)), np.zeros((1, 2)), np.zeros(1))
     with pytest.raises(UsageError, match="does not serve"):
@@ -249,7 +249,7 @@ def test_auto_leaves_directions_that_nothing_bounds_to_micp(whole: bool) -> None
     else:
         p.minimise("cost", (y[0] - 1.0) ** 2 + (x[0] - x[1]))
     answer = solve_instance(Problem("open", p), {})
-    assert answer.method == "micp"
+    assert answer.method == "mccormick"
     assert answer.result.status == "optimal"
     assert answer.result.objective == pytest.approx(-1.0 if whole else 0.75, abs=1e-4)
 
@@ -260,12 +260,12 @@ def test_a_factor_without_bounds_is_named() -> None:
     p.between("power", x[:1] * x[1:], 1.0, 2.0)
     p.minimise("cost", np.sum(x**2))
     with pytest.raises(UsageError, match=r"speed\[0\] is a factor of a product"):
-        solve_instance(Problem("open", p), {}, "micp")
+        solve_instance(Problem("open", p), {}, "mccormick")
     knots = Problem("open", p, partitions={"speed": [-2.0, 0.0, 1.0, 2.0]})
     once = MethodSettings(envelopes=EnvelopeOptions(rounds=1))
-    answer = solve_instance(knots, {}, "micp", once).result
+    answer = solve_instance(knots, {}, "mccormick", once).result
     assert answer.objective == pytest.approx(2.0, abs=1e-4)
     assert answer.bound == -np.inf  # the knots vouch for nothing outside them
     # Within the incumbent's cost nothing lies outside.
-    again = solve_instance(knots, {}, "micp").result
+    again = solve_instance(knots, {}, "mccormick").result
     assert again.bound == pytest.approx(2.0, abs=1e-3)

@@ -34,12 +34,12 @@ def _racing(clock: Callable[[], float], factor: float) -> Callable[[], float]:
     return lambda: begin + factor * (clock() - begin)
 
 
-@pytest.mark.parametrize("method", ["modes", "admm"])
+@pytest.mark.parametrize("method", ["mode-search", "admm"])
 def test_a_slow_machine_finds_the_same_plan(
     method: str, throw: LimmsPlan, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     spec = loaded("limms_throw", f"solver.method={method}", "solver.time_limit=1e6")
-    quiet = throw if method == "modes" else plan_limms(spec)
+    quiet = throw if method == "mode-search" else plan_limms(spec)
     for name in ("monotonic", "perf_counter", "process_time"):
         monkeypatch.setattr(time, name, _racing(getattr(time, name), 2000.0))
     slow = plan_limms(spec)
@@ -78,7 +78,7 @@ def test_a_plan_that_the_clock_cut_short_says_so(tmp_path: Path) -> None:
     budget = SearchBudget(60.0, 100)
     world = plan_carrying(build_initial_plan(own), action, budget, np.random.default_rng(0))
     assert world is not None
-    making = PlanRecord("modes", action.describe(own), {"total": 0.0}, {}, {})
+    making = PlanRecord("mode-search", action.describe(own), {"total": 0.0}, {}, {})
     whole = make_plan(spec, own, world, budget, making)
     budget.deadline = time.monotonic()
     cut = make_plan(spec, own, world, budget, making)

@@ -68,7 +68,7 @@ def test_a_start_without_derivatives_is_told(capfd: pytest.CaptureFixture[str]) 
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.parametrize("method", ["mpcc", "micp", "pinned", "admm", "minlp-bonmin"])
+@pytest.mark.parametrize("method", ["mpcc", "mccormick", "pinned", "admm", "minlp-bonmin"])
 def test_integers_beside_smooth_rows(method: str) -> None:
     problem = Problem("circle", circle(binary=True), start=lambda _: {"left": 1.0, "x": [-1, 1]})
     found = solve_instance(
@@ -86,7 +86,7 @@ def test_infeasible_without_the_smooth_rows_is_infeasible_with_them() -> None:
     assert x.stop == 2
     extra = p.continuous("y", (1,), 0.0, 1.0)
     p.between("never", extra, 2.0, 3.0)
-    found = solve_instance(Problem("circle", p), {"r": 1.0}, "micp").result
+    found = solve_instance(Problem("circle", p), {"r": 1.0}, "mccormick").result
     assert found.status == "infeasible"
 
 

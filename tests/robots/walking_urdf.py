@@ -18,7 +18,7 @@ robot: robot.yaml
 terrain: {friction: 0.8}
 task: {knots: 4, dt: 0.12, min_contacts: 2, reference: {velocity: [0.3, 0, 0]}}
 weights: {velocity: [100, 100, 1000], angles: [100, 100, 10], height: 1000}  # a calm body
-solver: {method: search, max_qp_solves: 12}
+solver: {method: gait-search, max_qp_solves: 12}
 """
 
 

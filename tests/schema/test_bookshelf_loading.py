@@ -14,7 +14,7 @@ TEXT = """\
 kind: bookshelf
 scenes: {file: data/scenes.h5, group: a}
 solver:
-  method: convex
+  method: pinned
   library: {file: ../library/plan.h5}
 """
 

@@ -79,8 +79,8 @@ def test_books_stand_on_the_ground_unless_told_otherwise() -> None:
         ({"meaning": "published"}, "`exact` solves the meaning `contact` only"),
         ({"solver": {"solver": "highs"}}, "method `exact`: it takes no solver, got 'highs'"),
         (
-            {"solver": {"method": "micp", "solver": "daqp"}},
-            "method `micp`: expected one of highs, scip, gurobi, got 'daqp'",
+            {"solver": {"method": "mccormick", "solver": "daqp"}},
+            "method `mccormick`: expected one of highs, scip, gurobi, got 'daqp'",
         ),
         ({"shelf": {"left_mm": 90}}, "expected more than left_mm 90"),
         ({"shelf": {"height_mm": 0}}, "greater than 0"),

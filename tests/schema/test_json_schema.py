@@ -57,7 +57,12 @@ def test_units_and_bounds_are_there() -> None:
     assert (com["minItems"], com["maxItems"]) == (3, 3)
     methods = defs["SolverSpec"]["properties"]["method"]["enum"]
     assert methods[:5] == ["auto", "micp", "nlp", "coupled", "coupled-modes"]
-    assert methods[5:] == ["coupled-micp", "coupled-nlp", "spatial", "sl1-relaxation"]
+    assert methods[5:] == [
+        "coupled-mccormick",
+        "coupled-nlp",
+        "coupled-minlp-scip",
+        "sl1-relaxation",
+    ]
 
 
 def test_one_schema_for_all() -> None:

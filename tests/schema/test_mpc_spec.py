@@ -40,7 +40,7 @@ weights: {velocity: [1, -1, 1]}
         (5, "task.dt"),
         (6, "pitch"),
         (10, "overlaps region 'a'"),
-        (11, "did you mean 'search'"),
+        (11, "did you mean 'gait-search'"),
         (12, "weights.velocity"),
     ):
         assert any(f":{line}: " in row and words in row for row in said.splitlines()), words

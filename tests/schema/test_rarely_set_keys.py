@@ -73,7 +73,11 @@ def test_datasets_draw_upright_books_and_wait_for_rows() -> None:
 
 
 def test_walks_begin_with_more_pieces_and_softer_legs() -> None:
-    overrides = ["solver.moment_arm_partitions=3", "solver.height_pieces=5", "solver.method=micp"]
+    overrides = [
+        "solver.moment_arm_partitions=3",
+        "solver.height_pieces=5",
+        "solver.method=spatial-branch-and-bound",
+    ]
     limits = read_limits(load_mpc(SPECS / "mpc_forward.yaml", overrides).spec.solver)
     assert (limits.arm_pieces, limits.height_pieces) == (3, 5)
     gains = ["leg_stiffness=1000", "leg_damping=7"]

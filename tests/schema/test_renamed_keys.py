@@ -7,11 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from climbplan.deprecation import RENAMED_METHODS
 from climbplan.errors import SpecError
 from climbplan.schema.fields import find_slot
 from climbplan.schema.kinds import KINDS
 from climbplan.schema.loading import load_source
-from climbplan.schema.renamed_keys import RENAMED_KEYS
+from climbplan.schema.renamed_keys import METHOD_KEYS, RENAMED_KEYS
 from climbplan.schema.source import SourceText
 
 CLIMB = """\
@@ -70,3 +71,41 @@ def test_every_new_key_is_one_of_the_model_and_no_old_one_is(kind: str, old: str
     *above, last = (0 if name == "*" else name for name in old.split("."))
     assert find_slot(KINDS[kind].model, (*above, RENAMED_KEYS[kind][old])) is not None
     assert find_slot(KINDS[kind].model, (*above, last)) is None
+
+
+WALK = "kind: mpc\nsolver: {method: micp, initial_solution: search}\n"
+
+
+def test_an_old_method_is_read_with_a_warning_that_has_its_line() -> None:
+    words = "climb.yaml, line 2: the method `micp` of `solver.method` is now `spatial-branch-and-bo"
+    with pytest.warns(FutureWarning, match=re.escape(words)):
+        loaded = load(WALK)
+    solver = loaded.spec.solver  # type: ignore[attr-defined]
+    assert (solver.method, solver.initial_solution) == ("spatial-branch-and-bound", "gait-search")
+
+
+def test_an_old_method_of_an_option_replaces_that_of_the_file() -> None:
+    with pytest.warns(FutureWarning, match="--set solver.method=nlp: the method `nlp`") as warned:
+        loaded = load(WALK.replace(", initial_solution: search", ""), ("solver.method=nlp",))
+    assert loaded.spec.solver.method == "mpcc"  # type: ignore[attr-defined]
+    assert len(warned) == 1
+
+
+def test_old_methods_of_the_problem_of_a_dataset_are_read() -> None:
+    text = "kind: dataset\nproblem: {kind: bookshelf, solver: {method: micp}}\n"
+    with pytest.warns(FutureWarning, match="`micp` of `problem.solver.method` is now `mccormick`"):
+        loaded = load(text)
+    assert loaded.spec.problem.solver.method == "mccormick"  # type: ignore[attr-defined]
+    climb = load(CLIMB.replace("force:\n  least_pressure: 7", "solver: {method: micp}"))
+    assert climb.spec.solver.method == "micp"  # type: ignore[attr-defined]  # no old name there
+
+
+@pytest.mark.parametrize("kind", RENAMED_METHODS)
+def test_every_new_method_is_one_of_the_model_and_no_old_one_is(kind: str) -> None:
+    for key in METHOD_KEYS.get(kind, ("solver.method",)):
+        slot = find_slot(KINDS[kind].model, tuple(key.split(".")))
+        assert slot is not None
+        assert not set(slot.choices) & set(RENAMED_METHODS[kind])
+    slot = find_slot(KINDS[kind].model, ("solver", "method"))
+    assert slot is not None
+    assert set(RENAMED_METHODS[kind].values()) <= set(slot.choices)

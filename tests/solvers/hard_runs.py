@@ -205,16 +205,16 @@ RUNS = {
         _again(_plan("limms_double_arm")), "solvers/ipopt/staged_program.py", "solve_staged_program"
     ),
     "homotopy": HardRun(
-        _plan("transition_flat", solver__method="complementarity"),
+        _plan("transition_flat", solver__method="mpcc"),
         "climb/transition/homotopy.py",
         "run_from_start",
     ),
     "walk-search": HardRun(
-        _plan("mpc_turn", solver__method="search"), "offline/search.py", "search"
+        _plan("mpc_turn", solver__method="gait-search"), "offline/search.py", "search"
     ),
-    "walk-nlp": HardRun(_plan("mpc_turn", solver__method="nlp"), "offline/nlp.py", "solve_nlp"),
+    "walk-nlp": HardRun(_plan("mpc_turn", solver__method="mpcc"), "offline/nlp.py", "solve_nlp"),
     "walk-micp": HardRun(
-        _plan("mpc_forward", solver__method="micp", task__integrator="euler"),
+        _plan("mpc_forward", solver__method="spatial-branch-and-bound", task__integrator="euler"),
         "walking/micp/solver.py",
         "solve_micp",
     ),

@@ -130,8 +130,9 @@ def test_envelopes_that_take_long_to_make_end_with_the_time() -> None:
     with pytest.raises(LimitReached, match="before the envelopes were made"):
         grid.form(problem.instance({}), lambda: True)
     settings = MethodSettings(time_limit=0.0, envelopes=EnvelopeOptions(grid=grid))
-    late = solve_instance(problem, {}, "micp", settings)
+    late = solve_instance(problem, {}, "mccormick", settings)
     assert (late.result.status, late.result.x) == ("limit", None)
     assert (
-        solve_instance(problem, {}, "micp", replace(settings, time_limit=20.0)).result.x is not None
+        solve_instance(problem, {}, "mccormick", replace(settings, time_limit=20.0)).result.x
+        is not None
     )

@@ -50,7 +50,7 @@ def example() -> ProgramPlan:
         bound=np.array([3.0, np.inf]),
         gap=np.array([0.0, nan]),
         time=np.array([0.1, 0.2]),
-        method=("micp", "micp"),
+        method=("mccormick", "mccormick"),
         winner=("envelopes (highs)", ""),
         tried=np.array([1, 1]),
         name="line",

@@ -325,7 +325,7 @@ def test_terrain_that_cannot_be(terrain: dict[str, Any], message: str) -> None:
 
 
 def test_methods_that_know_level_rectangles_say_so() -> None:
-    document = {"kind": "mpc", "terrain": RAMP, "solver": {"method": "micp"}}
+    document = {"kind": "mpc", "terrain": RAMP, "solver": {"method": "spatial-branch-and-bound"}}
     with pytest.raises(ValidationError, match="level rectangles"):
         MpcSpec.model_validate(document)
 

@@ -69,7 +69,8 @@ def test_searches_before_micp_leave_it_half_of_the_time(monkeypatch: pytest.Monk
     )
     tube = WalkTubeSpec(seeds=2)
     planner.solve_task(
-        walk_task(), WalkSolverSpec(method="micp", time_limit=40.0, attitude_box=tube)
+        walk_task(),
+        WalkSolverSpec(method="spatial-branch-and-bound", time_limit=40.0, attitude_box=tube),
     )
     assert limits[:2] == [10.0, 10.0]
     assert 30.0 < limits[2] < 39.9

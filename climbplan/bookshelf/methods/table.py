@@ -70,7 +70,7 @@ def prepare_method(setting: MethodSetting, count: int) -> SceneMethod:
     evaluator = PlacementEvaluator(count, setting.shelf, setting.meaning)
     if solver.method in _TRAINED or (solver.method == "knn" and solver.model is not None):
         method = load_trained_method(setting, count, evaluator)
-    elif solver.method in ("convex", "knn") or (solver.method == "mpcc" and solver.start == "knn"):
+    elif solver.method in ("pinned", "knn") or (solver.method == "mpcc" and solver.start == "knn"):
         if solver.library is None:
             raise UsageError(
                 f"method {solver.method!r} takes candidates from solved scenes: give a plan file "

@@ -74,7 +74,7 @@ def _build_arc_partition(cos: int, sin: int) -> Partition:
     return together([cos, sin], low, high, covering=True)
 
 
-_WHOLE = ("minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm")
+_WHOLE = ("minlp-scip", "minlp-bonmin", "mccormick", "mpcc", "admm")
 # Of solvers' points [mm, sines]: the check of the placement, at 0.01 mm, is what counts. Of
 # candidates it alone: lines between books and products may be off where the books are not.
 _LOOSE = 1e-3
@@ -145,7 +145,7 @@ def build_method(
     Args:
         setting: shelf, meaning and solver options.
         evaluator: the program of the scenes and its exact check.
-        library: solved scenes for `convex`, `knn`, and `mpcc` that starts from neighbours.
+        library: solved scenes for `pinned`, `knn`, and `mpcc` that starts from neighbours.
     """
     solver, program = setting.solver, evaluator.program
     problem = build_shelf_problem(
@@ -167,13 +167,13 @@ def build_method(
             admm=_build_admm_options(program),
         )
         return TableMethod(evaluator, problem, "admm", settings)
-    if solver.method in ("convex", "knn"):
+    if solver.method in ("pinned", "knn"):
         settings = replace(settings, neighbours=solver.candidates or 50)
         return TableMethod(
             evaluator, problem, "knn", replace(settings, pinned=_build_pipeline_options(setting))
         )
-    if solver.method == "micp":
-        return TableMethod(evaluator, problem, "micp", replace(settings, solver=solver.solver))
+    if solver.method == "mccormick":
+        return TableMethod(evaluator, problem, "mccormick", replace(settings, solver=solver.solver))
     if solver.method in ("minlp-scip", "minlp-bonmin"):
         return TableMethod(evaluator, problem, solver.method, settings)
     raise ValueError(f"{solver.method} is no method without a model")

@@ -22,6 +22,7 @@ from climbplan.bookshelf.plan.shelf_plan import (
 )
 from climbplan.bookshelf.scene.scene_file import DATASET_KIND
 from climbplan.bookshelf.scene.shelf_scene import PublishedTolerances, Scenes, Shelf
+from climbplan.deprecation import current_method_name
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.store.dataset import Dataset, DatasetFrame, build_solution_layout
 
@@ -103,7 +104,7 @@ def read_shelf_dataset(data: Dataset) -> ShelfDataset:
         title=data.title,
         shelf=shelf,
         meaning=meaning,
-        method=str(data.solvers.get("method", "")),
+        method=current_method_name("bookshelf", str(data.solvers.get("method", ""))),
         scenes=scenes,
         solutions=solutions,
         totals=compute_totals(solutions),

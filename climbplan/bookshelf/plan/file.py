@@ -10,6 +10,7 @@ import h5py
 
 from climbplan.bookshelf.plan.shelf_plan import STATUSES, ShelfPlan, Solutions, Totals
 from climbplan.bookshelf.scene.shelf_scene import PublishedTolerances, Scenes, Shelf
+from climbplan.deprecation import current_method_name
 from climbplan.errors import PlanFileError, UsageError
 from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
@@ -141,7 +142,7 @@ def _read(reader: Reader) -> ShelfPlan:
         title=reader.text("", "title"),
         shelf=_read_shelf(reader),
         meaning=reader.text("", "meaning"),
-        method=reader.text("", "method"),
+        method=current_method_name("bookshelf", reader.text("", "method")),
         scenes=scenes,
         solutions=Solutions(**arrays),
         totals=Totals(

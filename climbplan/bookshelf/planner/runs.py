@@ -34,7 +34,7 @@ from climbplan.progress import Progress
 def save_scene_model(setting: MethodSetting, scene: ShelfScene, path: Path) -> None:
     """Write the program that a method solves for a scene.
 
-    `micp` and `admm` write the mixed-integer program over the envelopes, as .lp, .mps or .cip.
+    `mccormick` and `admm` write the mixed-integer program over the envelopes, as .lp, .mps or .cip.
     Other methods write the whole statement with its products, as SCIP's .cip.
 
     Raises:
@@ -51,7 +51,7 @@ def save_scene_model(setting: MethodSetting, scene: ShelfScene, path: Path) -> N
     solver = setting.solver
     evaluator = PlacementEvaluator(scene.count, setting.shelf, setting.meaning)
     instance = evaluator.instance(scene)
-    if solver.method not in ("micp", "admm"):
+    if solver.method not in ("mccormick", "admm"):
         save_bilinear_model(instance, path)
         return
     enveloped = build_published_grid(evaluator).apply(instance)

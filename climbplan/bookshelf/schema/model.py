@@ -106,10 +106,10 @@ ShelfMethod = Literal[
     "exact",
     "minlp-scip",
     "minlp-bonmin",
-    "micp",
+    "mccormick",
     "mpcc",
     "admm",
-    "convex",
+    "pinned",
     "knn",
     "forest",
     "boosting",
@@ -120,9 +120,9 @@ ShelfMethod = Literal[
 
 _MIXED_INTEGER, _CONVEX = ("highs", "scip", "gurobi"), ("daqp", "clarabel", "osqp")
 _SOLVERS: dict[str, tuple[str, ...]] = {
-    "micp": _MIXED_INTEGER,
+    "mccormick": _MIXED_INTEGER,
     "admm": _MIXED_INTEGER,
-    "convex": _CONVEX,
+    "pinned": _CONVEX,
     "knn": _CONVEX,
 }
 
@@ -151,16 +151,17 @@ class ShelfSolverSpec(SpecModel):
     method: ShelfMethod = Field(
         default="exact",
         description="`exact`: geometric branch and bound with proved bounds; `minlp-scip`, "
-        "`minlp-bonmin`: the whole statement; `micp`: McCormick envelopes on the published grids; "
-        "`mpcc`: complementarity; `admm`: alternating between `micp` and a nonlinear program; "
-        "`convex`: integers from neighbours, then convex programs; `knn`: `convex`, then `exact` "
-        "if no candidate holds; `forest`, `boosting`, `network`: the same with integers that a "
-        "trained model ranks; `reduce`: the reduced mixed-integer program of the likeliest cluster",
+        "`minlp-bonmin`: the whole statement; `mccormick`: piecewise McCormick envelopes on the "
+        "published grids; `mpcc`: complementarity; `admm`: alternating between `mccormick` and a "
+        "nonlinear program; `pinned`: integers from neighbours, then convex programs; `knn`: "
+        "`pinned`, then `exact` if no candidate holds; `forest`, `boosting`, `network`: the same "
+        "with integers that a trained model ranks; `reduce`: the reduced mixed-integer program of "
+        "the likeliest cluster",
     )
     solver: Literal["highs", "scip", "gurobi", "daqp", "clarabel", "osqp"] | None = Field(
         default=None,
-        description="of `micp`, `admm` and `reduce`: highs (default), scip, gurobi; of `convex`, "
-        "`knn`, `forest`, `boosting` and `network`: daqp (default), clarabel, osqp",
+        description="of `mccormick`, `admm` and `reduce`: highs (default), scip, gurobi; of "
+        "`pinned`, `knn`, `forest`, `boosting` and `network`: daqp (default), clarabel, osqp",
     )
     start: Literal["zero", "manual", "knn"] = Field(
         default="manual",
@@ -177,12 +178,12 @@ class ShelfSolverSpec(SpecModel):
     refinements: Count = quantity(
         "",
         "most quadratic programs a candidate of learned methods; 0: the published method, one "
-        "convex program over the envelopes about the neighbour",
+        "pinned program over the envelopes about the neighbour",
         default=30,
         ge=0,
     )
     library: ShelfLibrarySpec | None = Field(
-        default=None, description="solved scenes; `mpcc` with start `knn`, `convex`, `knn` need it"
+        default=None, description="solved scenes; `mpcc` with start `knn`, `pinned`, `knn` need it"
     )
     model: ModelFileSpec | None = Field(
         default=None,
@@ -192,7 +193,7 @@ class ShelfSolverSpec(SpecModel):
     fallback: bool = Field(
         default=True,
         description="whether `exact` answers scenes in which no candidate of a learned method "
-        "holds; `convex` never asks it",
+        "holds; `pinned` never asks it",
     )
     gap_mm2: Number = quantity("mm^2", "absolute gap to prove", default=0.01, gt=0)
     gap: Number = quantity(

@@ -1,4 +1,4 @@
-"""The mixed-integer convex relaxation with piecewise McCormick envelopes (`coupled-micp`).
+"""The mixed-integer convex relaxation with piecewise McCormick envelopes (`coupled-mccormick`).
 
 P is bounded from below by McCormick envelopes on pieces of the toes' coordinates, with one binary
 per piece. (The published logarithmic encoding is slower with HiGHS.) Toes and forces are first

@@ -234,6 +234,6 @@ _METHODS = {
     "coupled": _plan_in_stages,
     "coupled-nlp": _plan_in_stages,
     "coupled-modes": _plan_with_modes,
-    "coupled-micp": _plan_accurately,
-    "spatial": _plan_by_spatial_search,
+    "coupled-mccormick": _plan_accurately,
+    "coupled-minlp-scip": _plan_by_spatial_search,
 }

@@ -46,7 +46,7 @@ _METHOD = ("solver.method=micp", f"solver.time_limit={_TIME_LIMIT}")
 _WALL_SEQUENCES = 6  # of a transition, that are planned to the end
 _MAX_WALL_POSTURES = 5  # bracing postures that transitions are planned to
 _WALL_METHOD = (
-    "solver.method=enumerate",
+    "solver.method=stance-search",
     f"solver.time_limit={_TIME_LIMIT}",
     f"search.max_planned={_WALL_SEQUENCES}",
 )

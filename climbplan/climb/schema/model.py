@@ -238,7 +238,13 @@ class TrajectorySpec(SpecModel):
     )
 
 
-COUPLED_METHODS = ("coupled", "coupled-modes", "coupled-micp", "coupled-nlp", "spatial")
+COUPLED_METHODS = (
+    "coupled",
+    "coupled-modes",
+    "coupled-mccormick",
+    "coupled-nlp",
+    "coupled-minlp-scip",
+)
 CONVEX_METHODS = ("micp", "sl1-relaxation")  # of flat regions and rotations to first order
 
 
@@ -251,35 +257,35 @@ class SolverSpec(SpecModel):
         "nlp",
         "coupled",
         "coupled-modes",
-        "coupled-micp",
+        "coupled-mccormick",
         "coupled-nlp",
-        "spatial",
+        "coupled-minlp-scip",
         "sl1-relaxation",
     ] = Field(
         default="auto",
         description="`auto`: `micp` first, then what its failure suggests: other methods, and "
         "other choices of what the spec leaves open (lift, gait, the goal's angles). `micp`: "
-        "globally optimal postures, small rotations; `nlp`: exact rotations, curved terrain. "
-        "Postures and contact forces together: `coupled`, moments by a learned "
-        "envelope and then put right; `coupled-modes`, one of several envelopes in each round; "
-        "`coupled-micp`, moments by envelopes on a grid, with a bound; `coupled-nlp`, one "
-        "nonlinear program; `spatial`, SCIP on everything, for a round or two. `sl1-relaxation`: "
-        "the program of `micp`, regions chosen by an L1 relaxation and rounding instead of a "
-        "search, without a bound",
+        "globally optimal postures by a mixed-integer convex program, small rotations; `nlp`: "
+        "exact rotations, curved terrain. Postures and contact forces together: `coupled`, "
+        "moments by a learned envelope, then exact forces; `coupled-modes`, one of several "
+        "envelopes in each round; `coupled-mccormick`, moments by piecewise McCormick envelopes, "
+        "with a bound; `coupled-nlp`, one nonlinear program; `coupled-minlp-scip`, SCIP on the "
+        "whole statement, for a round or two. `sl1-relaxation`: the program of `micp`, regions "
+        "chosen by an L1 relaxation and rounding instead of a search, without a bound",
     )
     envelopes: tuple[str, ...] = Field(
         default=(),
         description="envelopes of the coupled methods: `ground3`, `wall3`, `wall5` (shipped; "
         "`wall5:genetic` for another fit than clustering), `expert`, `expert-ground`, or the path "
         "of an envelopes.h5; left out: by the regions' normals, for `coupled-modes` ground3 and "
-        "wall5 (of robots without their limbs the experts'), for `coupled-micp` none, "
+        "wall5 (of robots without their limbs the experts'), for `coupled-mccormick` none, "
         "without which its bound holds for the exact problem",
     )
     pieces: Count = quantity(
-        "", "pieces of each toe coordinate's range (`coupled-micp`)", default=4, ge=1, le=64
+        "", "pieces of each toe coordinate's range (`coupled-mccormick`)", default=4, ge=1, le=64
     )
     mip_solver: Literal["highs", "gurobi"] = Field(
-        default="highs", description="solver of the mixed-integer program (`coupled-micp`)"
+        default="highs", description="solver of the mixed-integer program (`coupled-mccormick`)"
     )
     posture_solver: Literal["branch-and-bound", "scip", "gurobi"] = Field(
         default="branch-and-bound", description="solver of the posture program (`micp`)"

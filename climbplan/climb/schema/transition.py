@@ -175,18 +175,18 @@ class SearchSpec(SpecModel):
 class TransitionSolverSpec(SpecModel):
     """Which method, and when to stop."""
 
-    method: Literal["auto", "enumerate", "complementarity"] = Field(
+    method: Literal["auto", "stance-search", "mpcc"] = Field(
         default="auto",
-        description="`auto`: `enumerate`, and `complementarity` where that finds nothing and the "
-        "sequence is left open; `enumerate`: search over stance sets, then a nonlinear program "
-        "with the sequence fixed; `complementarity`: one nonlinear program that also finds the "
+        description="`auto`: `stance-search`, and `mpcc` where that finds nothing and the "
+        "sequence is left open; `stance-search`: search over stance sets, then a nonlinear program "
+        "with the sequence fixed; `mpcc`: one nonlinear program that also finds the "
         "sequence",
     )
     force_solver: Literal["daqp", "clarabel", "osqp"] = Field(
         default="daqp",
         description="`daqp`: inscribed pyramid, fastest; `clarabel`: exact cone; `osqp`: pyramid",
     )
-    starts: Count = quantity("", "starts of `complementarity`", default=5, ge=1, le=1000)
+    starts: Count = quantity("", "starts of `mpcc`", default=5, ge=1, le=1000)
     time_limit: Number = quantity("s", "time limit", default=120.0, gt=0)
 
 

@@ -184,8 +184,8 @@ def _plan_by_complementarity(run: TransitionRun, seconds: float | None = None) -
     scene, clock = run.scene, run.clock
     if scene.spec.task.sequence is not None:
         raise UsageError(
-            "method complementarity finds a sequence of its own: leave `task.sequence` out, or use "
-            "--method enumerate"
+            "method mpcc finds a sequence of its own: leave `task.sequence` out, or use "
+            "--method stance-search"
         )
     options = scene.spec.solver
     deadline = time.monotonic() + (options.time_limit if seconds is None else seconds)
@@ -209,8 +209,8 @@ def _plan_by_complementarity(run: TransitionRun, seconds: float | None = None) -
         reasons += [start.reason] if start.reason else []
     if not motions:
         raise Unresolved(
-            "\n".join(["no start of complementarity led to a plan", *reasons[:5]]),
-            because="method complementarity is local",
+            "\n".join(["no start of method mpcc led to a plan", *reasons[:5]]),
+            because="method mpcc is local",
             stage="homotopy",
         )
     best = min(motions, key=lambda done: compute_cost(scene, done.rounds, done.forces))
@@ -236,7 +236,7 @@ def _plan_automatically(run: TransitionRun) -> TransitionResult:
     except NoPlanFound as error:
         missing = error.message.partition("\n")[0]
         raise Unresolved(
-            f"{first.message}\ntried: enumerate ({seconds:.1f} s), complementarity "
+            f"{first.message}\ntried: stance-search ({seconds:.1f} s), mpcc "
             f"({time.monotonic() - began - elapsed:.1f} s): {missing}",
             first.conflicts,
             because=first.because if isinstance(first, Unresolved) else "a limit was reached",
@@ -246,14 +246,14 @@ def _plan_automatically(run: TransitionRun) -> TransitionResult:
     missing = first.message.partition("\n")[0].partition(";")[0]
     return replace(
         result,
-        warnings=(f"found by complementarity; by enumerate not: {missing}", *result.warnings),
+        warnings=(f"found by mpcc; by stance-search not: {missing}", *result.warnings),
     )
 
 
 _METHODS: dict[str, Callable[[TransitionRun], TransitionResult]] = {
     "auto": _plan_automatically,
-    "enumerate": _plan_by_search,
-    "complementarity": _plan_by_complementarity,
+    "stance-search": _plan_by_search,
+    "mpcc": _plan_by_complementarity,
 }
 
 

@@ -43,7 +43,7 @@ def find_remedies(
         changes = (
             Override(remedy.key, remedy.yaml, remedy.option),
             # The search is the quicker method; what it does not find is no remedy that is named
-            Override("solver.method", "enumerate", "--method enumerate"),
+            Override("solver.method", "stance-search", "--method stance-search"),
             Override(
                 "solver.time_limit",
                 f"{max(_TIME_FRACTION * remaining, _MIN_TIME):.3f}",

@@ -1,4 +1,4 @@
-"""Refinement: the modes that both blocks agreed on, planned by the program of method `modes`."""
+"""Refinement: modes that both blocks agreed on, planned by the program of `mode-search`."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def find_chains(modes: Modes) -> tuple[Chain, ...]:
 
 
 def build_action(modes: Modes) -> Action:
-    """Return the action of method `modes` for these modes."""
+    """Return the action of method `mode-search` for these modes."""
     if (modes.box == STANDS).any():
         return Action("quadruped")
     kind = "throw" if (modes.box == FREE).any() else "arms"
@@ -71,9 +71,9 @@ def refine(
 def _plan_refined(
     scene: ModuleScene, best: ConsensusIterate, budget: SearchBudget, rng: np.random.Generator
 ) -> PartialPlan | None:
-    """Plan from where the blocks agreed; where that fails, plan as method `modes` does.
+    """Plan from where the blocks agreed; where that fails, plan as method `mode-search` does.
 
-    A throw starts as in method `modes`, since the knots say nothing about its fast intervals.
+    A throw starts as in method `mode-search`, since the knots say nothing about its fast intervals.
     """
     modes = best.modes
     action, start = build_action(modes), build_initial_plan(scene)

@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from climbplan.deprecation import current_method_name
 from climbplan.limms.plan.convergence import RESIDUALS, Convergence
 from climbplan.limms.plan.limms_plan import LimmsPlan, ModuleMotion
 from climbplan.store.hdf5_layout import DatasetLayout
@@ -187,7 +188,7 @@ def _read(reader: Reader) -> LimmsPlan:
     has_source = reader.has_attribute("limms", "source")
     return LimmsPlan(
         title=reader.text("", "title"),
-        method=reader.text("", "method"),
+        method=current_method_name("limms", reader.text("", "method")),
         status=read_status(reader, STATUSES),
         motion=motion,
         anchor_names=reader.texts("anchors/name", _NAMES),

@@ -1,1 +1,1 @@
-"""The planner of method `modes`: from a spec to a plan."""
+"""The planner of method `mode-search`: from a spec to a plan."""

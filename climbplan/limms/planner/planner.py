@@ -1,4 +1,4 @@
-"""The planner of method `modes`: task planning, then trajectory optimisation, then free motion.
+"""The method `mode-search`: task planning, then trajectory optimisation, then free motion.
 
 Task plans are searched best first. For each one, programs fix keyframes and motions, and sampling
 finds the motion of single modules. Which modules latch where follows from the search.
@@ -41,7 +41,7 @@ from climbplan.limms.task_planning.single_actions import (
 )
 from climbplan.progress import Progress
 
-METHOD = "modes"
+METHOD = "mode-search"
 SOLVERS = {"programs": "IPOPT (CasADi)"}
 
 

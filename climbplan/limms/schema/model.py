@@ -168,9 +168,9 @@ class ConsensusSpec(SpecModel):
 class LimmsSolverSpec(SpecModel):
     """Method and limits."""
 
-    method: Literal["modes", "admm"] = Field(
-        default="modes",
-        description="`modes`: search over mode sequences, then a nonlinear program; `admm`: "
+    method: Literal["mode-search", "admm"] = Field(
+        default="mode-search",
+        description="`mode-search`: search over mode sequences, then a nonlinear program; `admm`: "
         "consensus of a mixed-integer and a nonlinear block, then the same program",
     )
     admm: ConsensusSpec = ConsensusSpec()
@@ -263,7 +263,7 @@ def _find_delivery_faults(spec: LimmsSpec) -> list[Fault]:
     faults += [
         Fault(
             f"{key}.{'start' if box.start_yaw_deg else 'goal'}_yaw_deg",
-            "expected 0: `admm` does not turn boxes, `modes` does",
+            "expected 0: `admm` does not turn boxes, `mode-search` does",
         )
         for key, box in zip(spec.delivery_keys, spec.deliveries, strict=True)
         if box.is_turned and spec.solver.method == "admm"
@@ -271,7 +271,7 @@ def _find_delivery_faults(spec: LimmsSpec) -> list[Fault]:
     if len(spec.boxes) < 2:
         return faults
     if spec.solver.method == "admm":
-        faults.append(Fault("solver.method", "`admm` delivers one box, expected `modes`"))
+        faults.append(Fault("solver.method", "`admm` delivers one box, expected `mode-search`"))
     if "arms" not in spec.task.allow:
         faults.append(Fault("task.allow", "several boxes are brought by `arms`"))
     return faults

@@ -53,14 +53,14 @@ class SampleSpec(SpecModel):
 
 
 class EnvelopeSpec(SpecModel):
-    """How `micp` and `admm` make a program mixed-integer convex."""
+    """How `mccormick` and `admm` make a program mixed-integer convex."""
 
     pieces: Count = quantity(
         "", "pieces of each McCormick grid that the problem gives no partition for", default=6, ge=1
     )
     rounds: Count = quantity(
         "",
-        "rounds of `micp`: each doubles the pieces on what the incumbent leaves",
+        "rounds of `mccormick`: each doubles the pieces on what the incumbent leaves",
         default=2,
         ge=1,
         le=20,
@@ -79,7 +79,7 @@ ProgramMethod = Literal[
     "benders",
     "minlp-scip",
     "minlp-bonmin",
-    "micp",
+    "mccormick",
     "nlp",
     "mpcc",
     "admm",
@@ -99,21 +99,20 @@ class ProgramSolverSpec(SpecModel):
     method: ProgramMethod = Field(
         default="auto",
         description="`auto`: `branch-and-bound` where the statement is convex but for its "
-        "integers and up to 50 products, else `micp`; `branch-and-bound`: the own compiled tree "
-        "over integers and in space, with a valid bound; `benders`: integers by cuts, where all "
-        "else is a convex quadratic program over rows; "
-        "`minlp-scip`, `minlp-bonmin`: the whole statement; `micp`: McCormick "
-        "envelopes, then the exact program at its integers; `nlp`: IPOPT where there are no "
-        "integers; `mpcc`: complementarity; `admm`: alternating between both; `pinned`: integers "
-        "from a start or a library; `knn`: `pinned` "
-        "from the library, then `fallback`; `forest`, `boosting`, `network`, `reduce`: the same "
-        "from a trained model",
+        "integers and up to 50 products, else `mccormick`; `branch-and-bound`: the built-in "
+        "compiled tree over integers and in space, with a valid bound; `benders`: integers by "
+        "cuts, where all else is a convex quadratic program over rows; `minlp-scip`, "
+        "`minlp-bonmin`: the whole statement; `mccormick`: piecewise McCormick envelopes, then "
+        "the exact program at its integers; `nlp`: IPOPT where there are no integers; `mpcc`: "
+        "complementarity; `admm`: alternating between both; `pinned`: integers from a start or a "
+        "library; `knn`: `pinned` from the library, then `fallback`; `forest`, `boosting`, "
+        "`network`, `reduce`: the same from a trained model",
     )
     solver: (
         Literal["highs", "scip", "gurobi", "ipopt", "sqp", "clarabel", "daqp", "osqp"] | None
     ) = Field(
         default=None,
-        description="of `micp`, `admm`, `reduce`: highs (default), scip, gurobi; of the rest: "
+        description="of `mccormick`, `admm`, `reduce`: highs (default), scip, gurobi; of the rest: "
         "clarabel (default without products), sqp (default with products), ipopt, daqp, osqp",
     )
     start: ProgramStart | None = Field(
@@ -140,7 +139,7 @@ class ProgramSolverSpec(SpecModel):
         ge=1,
     )
     fallback: Literal[
-        "branch-and-bound", "minlp-scip", "minlp-bonmin", "micp", "mpcc", "admm", "none"
+        "branch-and-bound", "minlp-scip", "minlp-bonmin", "mccormick", "mpcc", "admm", "none"
     ] = Field(default="minlp-scip", description="of learned methods, where no candidate holds")
     gap: Number = quantity("", "relative gap to prove", default=1e-4, ge=0)
     tolerance: Number = quantity(

@@ -67,7 +67,7 @@ def build_cost(instance: Instance, space: Coordinates) -> Cost:
     if L is None:
         raise Unbounded(
             f"{instance.name}: a direction without cost is not bounded, which branch-and-bound "
-            "needs; give its variables bounds, or use micp"
+            "needs; give its variables bounds, or use method mccormick"
         )
     return Cost(
         H=H,

@@ -1,4 +1,4 @@
-"""The method `micp`: a better walk, and a lower bound on the cost of all walks near known ones.
+"""The method `spatial-branch-and-bound`: a better walk, and a lower bound on walks near it.
 
 The bound is on motions within attitude boxes by forward Euler steps, which the mixed-integer
 program relaxes. For a task with another integrator the program only proposes gaits.

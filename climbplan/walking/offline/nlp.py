@@ -1,4 +1,4 @@
-"""The method `nlp`: all knots as one nonlinear program, with relaxed complementarity of contacts.
+"""The method `mpcc`: all knots as one nonlinear program, with relaxed complementarity of contacts.
 
 Contacts c in [0, 1] with c (1 - c) <= eps start from a guessed gait, and IPOPT may change them. Its
 contacts are rounded, and forces, footholds and motion of that gait are polished by SQP.

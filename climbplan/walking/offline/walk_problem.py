@@ -1,6 +1,6 @@
 """A walk as a problem of the common table, for any method that takes smooth rows.
 
-It is the formulation of method `nlp`, by scalars: contacts are binaries, and affine rows are
+It is the formulation of method `mpcc`, by scalars: contacts are binaries, and affine rows are
 stated as such. Regions are those of the gait that it starts from. The checker of walks, which does
 not read the formulation, evaluates the answers.
 """

@@ -74,7 +74,7 @@ class WalkRows:
         """Solve a start; the walk is accepted if it passes the exact check."""
         start_time = time.perf_counter()
         task, solver = sampled.task, self._spec.solver
-        if solver.method == "nlp":
+        if solver.method == "mpcc":
             answer = solve_nlp(task, "trot", solver.time_limit)
         else:
             answer = search(task, SearchLimits(solver.time_limit, qps=solver.max_qp_solves))

@@ -29,5 +29,5 @@ class WalkAnswer:
     tried: int = 0  # gaits
     qps: int = 0  # of a search, without polishing
     cut_short: str = ""  # a warning if the time limit ended the search
-    initial_plan: WalkTrajectory | None = None  # initial solution of `micp`
+    initial_plan: WalkTrajectory | None = None  # initial solution of `spatial-branch-and-bound`
     history: tuple[Improvement, ...] = field(default=())

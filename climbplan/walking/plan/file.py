@@ -8,6 +8,7 @@ from typing import Any
 import h5py
 import numpy as np
 
+from climbplan.deprecation import current_method_name
 from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader, open_store
 from climbplan.store.hdf5_writing import create_store, write_dataset, write_datasets, write_text
@@ -187,7 +188,7 @@ def _read_plan(reader: Reader) -> WalkPlan:
     history = reader.datasets("history", HISTORY)
     return WalkPlan(
         title=reader.text("", "title"),
-        method=reader.text("", "method"),
+        method=current_method_name("mpc", reader.text("", "method")),
         status=read_status(reader, STATUSES),
         task=task,
         trajectory=trajectory,

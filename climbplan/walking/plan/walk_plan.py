@@ -42,7 +42,9 @@ class WalkPlan(PlanHeader):
     terms: Mapping[str, float]  # of the objective
     history: tuple[Improvement, ...] = ()
     loop: LoopRecord | None = None  # of `online`
-    initial_states: Array | None = None  # (N + 1, 12) initial solution of `micp`
+    initial_states: Array | None = (
+        None  # (N + 1, 12) initial solution of `spatial-branch-and-bound`
+    )
     bound: float | None = None
     gap: float | None = None
     robot_text: str = ""  # of the robot's file; empty for a built-in one

@@ -55,7 +55,7 @@ def explain_slow_joints(task: WalkTask, solve: Callable[[WalkTask], WalkAnswer])
 
 
 _MIN_TIME = 1e-3  # [s] that a solver gets after its deadline
-_WARM_FRACTION = 0.5  # of the time of `micp`, for the searches before it
+_WARM_FRACTION = 0.5  # of the time of `spatial-branch-and-bound`, for the searches before it
 
 
 def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
@@ -173,7 +173,7 @@ def _limit_time(solver: WalkSolverSpec, deadline: float) -> WalkSolverSpec:
 def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAnswer:
     """Solve a task by the method of a spec, within its time limit.
 
-    The searches that `micp` starts from take at most half of the time together.
+    The searches that `spatial-branch-and-bound` starts from take at most half of the time together.
 
     Args:
         task: The task.
@@ -181,11 +181,11 @@ def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAns
         seed: Seed of the first search; further ones follow by one.
     """
     # Each method imports its own solver only, which shortens the start.
-    if solver.method == "nlp":
+    if solver.method == "mpcc":
         from climbplan.walking.offline.nlp import solve_nlp
 
         return solve_nlp(task, solver.initial_gait, solver.time_limit)
-    if solver.method == "micp":
+    if solver.method == "spatial-branch-and-bound":
         from climbplan.walking.micp.limits import read_limits
         from climbplan.walking.micp.solver import solve_micp
 
@@ -195,7 +195,7 @@ def solve_task(task: WalkTask, solver: WalkSolverSpec, seed: int = 0) -> WalkAns
             update={"method": solver.initial_solution, "time_limit": seconds_each}
         )
         warm = solve_task(task, brief_solver, seed)
-        search_solver = brief_solver.model_copy(update={"method": "search"})
+        search_solver = brief_solver.model_copy(update={"method": "gait-search"})
         other_answers = [
             solve_task(task, search_solver, seed + k) for k in range(1, solver.attitude_box.seeds)
         ]
@@ -210,7 +210,7 @@ def _list_solver_versions(solver: WalkSolverSpec) -> dict[str, str]:
     """Return the method and the versions of its libraries, by name."""
     versions = {"method": solver.method, "daqp": metadata.version("daqp")}
     versions["casadi"] = metadata.version("casadi")
-    if solver.method == "micp":
+    if solver.method == "spatial-branch-and-bound":
         versions["highs"] = metadata.version("highspy")
     return versions
 

@@ -65,8 +65,8 @@ class WorldRangesSpec(SpecModel):
 class WalkRowSolverSpec(SpecModel):
     """Method and limits of a row."""
 
-    method: Literal["search", "nlp"] = Field(
-        default="search", description="`search` or `nlp`, as of `kind: mpc`"
+    method: Literal["gait-search", "mpcc"] = Field(
+        default="gait-search", description="`gait-search` or `mpcc`, as of `kind: mpc`"
     )
     max_qp_solves: Count = quantity("", "QPs that the search may solve", default=400, ge=1)
     time_limit: Number = quantity(

@@ -48,8 +48,11 @@ class MpcSpec(SpecModel):
             if self.task.integrator != "mean":
                 message = "`online` runs in continuous time, which needs `integrator: mean`"
                 faults.append(Fault("task.integrator", message))
-        if self.solver.method == "micp":
-            message = "`micp` states level rectangles only: `search` and `nlp` take these"
+        if self.solver.method == "spatial-branch-and-bound":
+            message = (
+                "`spatial-branch-and-bound` takes level rectangles only; `gait-search` and `mpcc` "
+                "take slopes and polygons"
+            )
             regions = self.terrain.regions
             faults += [
                 Fault(f"terrain.regions.{k}", message)

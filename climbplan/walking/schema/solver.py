@@ -10,12 +10,12 @@ from climbplan.schema.base import Count, Fault, Number, SpecModel, Vector, quant
 
 
 class WalkTubeSpec(SpecModel):
-    """Room about attitudes of the trajectories that `micp` starts from, and references near."""
+    """Box of attitudes and rates about the walks that `spatial-branch-and-bound` starts from."""
 
     seeds: Count = quantity(
         "",
-        "searches whose answers, and all attitudes between them, are in the tube: `seed` and those "
-        "after it; `micp` starts from the cheapest",
+        "searches whose answers, and all attitudes between them, are in the box: `seed` and those "
+        "after it; `spatial-branch-and-bound` starts from the cheapest",
         default=1,
         ge=1,
         le=100,
@@ -41,11 +41,12 @@ class WalkTubeSpec(SpecModel):
 class WalkSolverSpec(SpecModel):
     """Method and limits."""
 
-    method: Literal["search", "nlp", "micp", "online"] = Field(
-        default="search",
-        description="`search`: local search over gaits, each solved by SQP; `nlp`: contacts as "
-        "complementarity, from the guess of a trot; `micp`: mixed-integer linear relaxation by "
-        "HiGHS, with a bound; `online`: closed loop with integers from a library of solved walks",
+    method: Literal["gait-search", "mpcc", "spatial-branch-and-bound", "online"] = Field(
+        default="gait-search",
+        description="`gait-search`: local search over gaits, each solved by SQP; `mpcc`: contacts "
+        "as complementarity, from the guess of a trot; `spatial-branch-and-bound`: mixed-integer "
+        "linear relaxation by HiGHS, with a bound; `online`: closed loop with integers from a "
+        "library of solved walks",
     )
     time_limit: Number = quantity(
         "s",
@@ -71,31 +72,38 @@ class WalkSolverSpec(SpecModel):
         "trot", "slow trot", "walking trot", "jump", "pace", "bound", "walk", "stand"
     ] = Field(
         default="trot",
-        description="gait that `nlp` starts from; of six legs a trot is on tripods, a walk a wave",
+        description="gait that `mpcc` starts from; of six legs a trot is on tripods, a walk a wave",
     )
-    initial_solution: Literal["nlp", "search"] = Field(
-        default="search",
-        description="what `micp` starts from: its cost bounds ranges, its gait is a partial start",
+    initial_solution: Literal["mpcc", "gait-search"] = Field(
+        default="gait-search",
+        description="what `spatial-branch-and-bound` starts from: its cost bounds ranges, its "
+        "gait is a partial start",
     )
     gap: Number = quantity(
         "",
-        "relative gap at which `micp` stops: it looks for motions that are cheaper by that much",
+        "relative gap at which `spatial-branch-and-bound` stops: it looks for motions that are "
+        "cheaper by that much",
         default=0.1,
         ge=0,
         lt=1,
     )
     moment_arm_partitions: Count = quantity(
         "",
-        "parts of each leg's arm that `micp` begins with, a binary each; doubled once it is solved",
+        "parts of each leg's moment arm that `spatial-branch-and-bound` begins with, a binary "
+        "each; doubled once it is solved",
         default=1,
         ge=1,
         le=8,
     )
     height_pieces: Count = quantity(
-        "", "parts of the body's height in `micp`, as those of arms", default=1, ge=1, le=16
+        "",
+        "parts of the body's height in `spatial-branch-and-bound`, as those of moment arms",
+        default=1,
+        ge=1,
+        le=16,
     )
     attitude_box: WalkTubeSpec = WalkTubeSpec()
-    """Where attitudes may be in the statement that `micp` bounds."""
+    """Where attitudes may be in the statement that `spatial-branch-and-bound` bounds."""
     formulation: Literal["pinned", "published"] = Field(
         default="pinned",
         description="what `online` solves: `pinned`: the dynamics linearised about a neighbour, "
@@ -114,7 +122,7 @@ class WalkSolverSpec(SpecModel):
 class WalkLibrarySpec(SpecModel):
     """Solved walks from random starts, which `online` takes its integers from."""
 
-    size: Count = quantity("", "walks, each solved by `search`", default=12, ge=0, le=100_000)
+    size: Count = quantity("", "walks, each solved by `gait-search`", default=12, ge=0, le=100_000)
     gaits: Count = quantity(
         "", "gaits tried for each beyond the named ones", default=5, ge=0, le=10_000
     )

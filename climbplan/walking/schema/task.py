@@ -98,7 +98,8 @@ class WalkTaskSpec(SpecModel):
     workspace_over_stance: bool = Field(
         default=True,
         description="standing toes stay in their boxes until the interval's end, while the body "
-        "moves on; `false`: at knots only, as published (`micp` looks for gaits by the latter)",
+        "moves on; `false`: at knots only, as published (`spatial-branch-and-bound` looks for "
+        "gaits by the latter)",
     )
     swing_clearance: Number = quantity(
         "m", "height of swinging toes above the ground", default=0.04, gt=0, le=0.12

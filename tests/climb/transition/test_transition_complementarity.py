@@ -110,7 +110,7 @@ def test_rows_bound_only_what_bounds_the_room() -> None:
 
 @pytest.mark.slow
 def test_bricks_are_stepped_on(tmp_path: Path) -> None:
-    overrides = ["solver.method=complementarity", "solver.starts=1"]
+    overrides = ["solver.method=mpcc", "solver.starts=1"]
     found = plan_transition(load_transition(BRICKS, overrides))
     write_climb(found, tmp_path / "plan.h5")
     verification = verify(tmp_path / "plan.h5")
@@ -121,7 +121,7 @@ def test_bricks_are_stepped_on(tmp_path: Path) -> None:
 
 
 def test_a_named_sequence_is_not_for_this_method() -> None:
-    named = ["solver.method=complementarity", "task.sequence=3-3-3"]
+    named = ["solver.method=mpcc", "task.sequence=3-3-3"]
     with pytest.raises(UsageError, match=r"leave `task.sequence` out"):
         plan_transition(load_transition(BRICKS, named))
 

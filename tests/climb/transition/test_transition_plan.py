@@ -124,7 +124,7 @@ def test_bricks(name: str, asked: str | None, sequence: str, stands: bool, tmp_p
 
 @pytest.mark.parametrize("rounds", [2, pytest.param(3, marks=pytest.mark.slow)])
 def test_complementarity_finds_its_own_sequence(rounds: int, tmp_path: Path) -> None:
-    overrides = [f"task.rounds={rounds}", "solver.method=complementarity", "solver.starts=2"]
+    overrides = [f"task.rounds={rounds}", "solver.method=mpcc", "solver.starts=2"]
     found = plan_transition(load_transition(FLAT, overrides))
     write_climb(found, tmp_path / "plan.h5")
     verification = verify(tmp_path / "plan.h5")

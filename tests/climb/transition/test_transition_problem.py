@@ -38,7 +38,7 @@ def searched(name: str, *overrides: str) -> tuple[TransitionRun, SequenceSearch]
     )
 
 
-@pytest.mark.parametrize("method", ["nlp", "micp", "admm"])
+@pytest.mark.parametrize("method", ["nlp", "mccormick", "admm"])
 def test_the_motion_of_a_sequence_by_methods_of_the_table(method: Method) -> None:
     run, search = searched("transition_flat")
     sequence = search.list_sequences()[0]

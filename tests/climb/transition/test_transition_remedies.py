@@ -68,7 +68,7 @@ def test_more_friction_where_the_walls_are_too_smooth() -> None:
 def test_one_method_alone_names_what_failed_there_and_plans_with_nothing() -> None:
     refused = _refused(
         load_transition(
-            SPECS / "transition_flat.yaml", ["task.rounds=1", "solver.method=enumerate"]
+            SPECS / "transition_flat.yaml", ["task.rounds=1", "solver.method=stance-search"]
         )
     )
     assert not refused.remedies

@@ -33,7 +33,7 @@ class Contender:
         options = dict(self.options)
         if self.learns:
             # One library for both meanings: the placements of `contact`.
-            options["library"] = {"file": str(library), "foreign": meaning != "contact"}
+            options["library"] = {"file": str(library), "allow_other_shelves": meaning != "contact"}
         if self.effort == "few":
             options["time_limit"] = seconds
         spec = ShelfSolverSpec.model_validate(options)
@@ -45,33 +45,33 @@ CONTENDERS = (
     Contender(
         "convex-qp",
         "convex, 10 candidates, one QP each (OSQP)",
-        {"method": "pinned", "candidates": 10, "refinements": 0, "solver": "osqp"},
+        {"method": "pinned", "max_candidates": 10, "max_refinements": 0, "solver": "osqp"},
         effort="some",
         learns=True,
     ),
     Contender(
         "convex-10",
         "convex, 10 candidates, local SQP",
-        {"method": "pinned", "candidates": 10},
+        {"method": "pinned", "max_candidates": 10},
         learns=True,
     ),
     Contender(
         "convex-50",
         "convex, 50 candidates, local SQP",
-        {"method": "pinned", "candidates": 50},
+        {"method": "pinned", "max_candidates": 50},
         learns=True,
     ),
     Contender(
         "knn",
         "knn, 10 candidates, then exact",
-        {"method": "knn", "candidates": 10},
+        {"method": "knn", "max_candidates": 10},
         learns=True,
         meanings=("contact",),  # `exact` answers in this meaning only
     ),
     Contender(
         "mpcc-knn",
         "mpcc, 3 neighbours",
-        {"method": "mpcc", "start": "knn", "candidates": 3},
+        {"method": "mpcc", "start": "knn", "max_candidates": 3},
         learns=True,
     ),
     Contender("mpcc-manual", "mpcc, manual start", {"method": "mpcc", "start": "manual"}),

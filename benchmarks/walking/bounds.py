@@ -29,7 +29,7 @@ _PROCESSES = 2  # that share a bound's tubes and parts of them
 _SEEDS, _QUICK_SEEDS = 10, 2
 _LONGEST = 600.0  # of a search, by the wall's clock: its QPs end it
 _ASKED = {"mpc_forward": 5, "mpc_disturbance": 10, "mpc_turn": 5, "mpc_stairs": 25}  # [%]
-_ROOM = {"angles_deg": (1.0, 2.0, 1.0), "spin": (0.25, 0.5, 0.25)}
+_ROOM = {"angles_deg": (1.0, 2.0, 1.0), "angular_velocity": (0.25, 0.5, 0.25)}
 
 
 def bound_table(seed: int, quick: bool, jobs: int, stream: TextIO) -> None:
@@ -39,7 +39,8 @@ def bound_table(seed: int, quick: bool, jobs: int, stream: TextIO) -> None:
         f"branch and bound: up to {seconds:.0f} s of processor time of each of {_PROCESSES} "
         "processes, published form; bounds are of\nmotions in tubes that hold "
         f"what {seeds} seeds of search find, with "
-        f"{_listed(_ROOM['angles_deg'])} deg and {_listed(_ROOM['spin'])} rad/s of room\n"
+        f"{_listed(_ROOM['angles_deg'])} deg and "
+        f"{_listed(_ROOM['angular_velocity'])} rad/s of room\n"
         "task                cost   bound    gap  (asked)  CPU [s]  tubes  of its gait: gap, "
         "CPU [s]  motions apart at most",
         file=stream,

@@ -180,7 +180,7 @@ def solved_terms(walks: list[Walk]) -> tuple[Left, ...]:
 def random_walks(seed: int, points: int) -> list[Walk]:
     """Walks of the NLP from random starts, disturbed ones too, with so many knots together."""
     task = shipped_task("mpc_forward", *FORMS["published"])
-    ranges = StartRanges(sideways=0.5, tilt=0.1, spin=0.6)
+    ranges = StartRanges(lateral=0.5, tilt=0.1, angular_velocity=0.6)
     walks: list[Walk] = []
     k = 0
     while len(walks) * task.knots < points:

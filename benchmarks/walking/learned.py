@@ -30,7 +30,7 @@ STRATEGIES: tuple[StrategyName, ...] = ("knn", "forest", "boosting", "network", 
 _TASKS, _QUICK = 20, 2  # of each kind
 _QPS, _QUICK_QPS = 150, 30
 _LONGEST = 60.0  # [s] of a search, which its QPs end before
-_RANGES = StartRanges(sideways=0.5, tilt=0.1, spin=0.6, toes=0.04)
+_RANGES = StartRanges(lateral=0.5, tilt=0.1, angular_velocity=0.6, toes=0.04)
 _HEAVIER = 0.2  # share of the mass either way
 
 Draw = Callable[[WalkTask, int, np.random.Generator], WalkTask]

@@ -24,7 +24,7 @@ _WHOLE = 30  # of them as shipped: what does not hold tries all gaits, 20 s of p
 _SECONDS = 60.0
 _RANGES = {
     "published ranges": StartRanges(),
-    "and disturbances": StartRanges(sideways=0.5, tilt=0.1, spin=0.6, toes=0.04),
+    "and disturbances": StartRanges(lateral=0.5, tilt=0.1, angular_velocity=0.6, toes=0.04),
 }
 
 

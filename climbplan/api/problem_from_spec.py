@@ -113,7 +113,7 @@ def _shelf(loaded: LoadedShelf) -> ProblemAndParameters:
     if len(scenes) != 1:
         raise UsageError(f"a problem is stated by one scene, {loaded.source} has {len(scenes)}")
     shelf = build_shelf(loaded.spec.shelf)
-    return build_shelf_problem(scenes.count, shelf, loaded.spec.meaning), build_theta(scenes[0])
+    return build_shelf_problem(scenes.count, shelf, loaded.spec.formulation), build_theta(scenes[0])
 
 
 _MAKERS: dict[type, Any] = {

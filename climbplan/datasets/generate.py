@@ -61,7 +61,7 @@ def generate_rows(
     frame = recipe.source().frame  # what cannot work at all fails here, before any worker
     identity = Identity.of(spec, frame, files)
     with RunDirectory(options.target, identity, options.resume, options.force) as place:
-        store = ShardStore(place.path, frame, identity.token, spec.count, spec.shard)
+        store = ShardStore(place.path, frame, identity.token, spec.count, spec.shard_size)
         try:
             begin = time.perf_counter()
             stored_rows = store.find()

@@ -86,7 +86,7 @@ RULES = {
     ),
     "bookshelf": Rules(
         how=_HOW,
-        judged=("shelf", "scene", "scenes", "meaning", "solver.gap", "solver.gap_mm2"),
+        judged=("shelf", "scene", "scenes", "formulation", "solver.gap", "solver.gap_mm2"),
     ),
     "program": Rules(how=_HOW, judged=("solver.gap", "solver.tolerance")),
 }

@@ -102,7 +102,7 @@ def checks_page() -> str:
         lines += [f"## {kind}", "", wrapped_table("stacked checks", head, rows)]
     of_books = [(declare("check", name), meaning) for name, meaning in MEANINGS.items()]
     lines += [
-        "And of each placement, to 0.01 mm in the meaning `contact`:",
+        "And of each placement, to 0.01 mm in the formulation `contact`:",
         "",
         wrapped_table("stacked checks", ("check", "what holds"), of_books),
         "## Datasets",

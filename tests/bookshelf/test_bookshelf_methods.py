@@ -90,7 +90,7 @@ def test_neighbours_of_other_scenes(
     """A library without the scene itself: placements hold and cost no less than the optimum."""
     source = {"file": str(library), "size": 30}
     which = range(31, 35)
-    options = {"method": "pinned", "library": source, "solver": backend, "candidates": 8}
+    options = {"method": "pinned", "library": source, "solver": backend, "max_candidates": 8}
     answers = solved(scenes, which, options)
     assert sum(a.placement is not None for a in answers) >= 3
     for k, answer in zip(which, answers, strict=True):
@@ -98,14 +98,18 @@ def test_neighbours_of_other_scenes(
 
 
 def test_the_published_convex_program_answers_or_says_so(scenes: Scenes, library: Path) -> None:
-    options = {"method": "pinned", "library": {"file": str(library)}, "refinements": 0}
-    (answer,) = solved(scenes, [0], {**options, "candidates": 2})
+    options = {"method": "pinned", "library": {"file": str(library)}, "max_refinements": 0}
+    (answer,) = solved(scenes, [0], {**options, "max_candidates": 2})
     assert answer.placement is not None or "candidates" in answer.message
 
 
 def test_knn_falls_back_to_exact(scenes: Scenes, library: Path) -> None:
     """One quadratic program about another scene leads nowhere in most."""
-    options = {"library": {"file": str(library), "size": 1}, "candidates": 1, "refinements": 1}
+    options = {
+        "library": {"file": str(library), "size": 1},
+        "max_candidates": 1,
+        "max_refinements": 1,
+    }
     which = range(9, 17)
     alone = solved(scenes, which, {**options, "method": "pinned"})
     both = solved(scenes, which, {**options, "method": "knn"})
@@ -157,8 +161,8 @@ def test_published_meaning_is_cheaper_than_contact(
     scenes: Scenes, optima: list[SceneAnswer], library: Path
 ) -> None:
     """Its tolerances let books overlap, so that its optima cost less in nearly all scenes."""
-    source = {"file": str(library), "foreign": True}
-    options = {"method": "pinned", "library": source, "candidates": 12}
+    source = {"file": str(library), "allow_other_shelves": True}
+    options = {"method": "pinned", "library": source, "max_candidates": 12}
     which = [9, 30, 35, 11]
     answers = solved(scenes, which, options, "published")
     cheaper = [a.objective < optima[k].objective for k, a in zip(which, answers, strict=True)]
@@ -193,7 +197,7 @@ def test_what_does_not_go_together(scenes: Scenes, library: Path) -> None:
             "made for a shelf whose right is 0.08111 m, here it is 0.09 m",
         ),
         (Shelf(lean_margin=0.1), "contact", "made for a shelf whose lean_margin is 0 rad"),
-        (Shelf(), "published", "made for meaning 'contact', here it is 'published'"),
+        (Shelf(), "published", "made for formulation 'contact', here it is 'published'"),
     ],
 )
 @pytest.mark.parametrize("method", ["pinned", "knn", "mpcc"])
@@ -206,5 +210,5 @@ def test_a_library_of_another_shelf_or_meaning_is_refused_unless_the_spec_takes_
 
     with pytest.raises(UsageError, match=rf"library {library}: {words}") as refused:
         prepare_method(setting({"file": str(library)}), 3)
-    assert "solver.library.foreign: true" in str(refused.value)
-    prepare_method(setting({"file": str(library), "foreign": True}), 3)
+    assert "solver.library.allow_other_shelves: true" in str(refused.value)
+    prepare_method(setting({"file": str(library), "allow_other_shelves": True}), 3)

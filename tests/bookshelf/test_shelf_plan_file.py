@@ -250,7 +250,7 @@ TAMPERED: dict[str, tuple[Change, set[str], set[str]]] = {
     ),
     "spec text": (attribute("/", "spec", SPEC + "seed: 0\n"), {"file.spec_hash"}, set()),
     "another spec": (
-        spec_with("kind: bookshelf", "kind: bookshelf\nshelf: {book_gap_mm: 9}"),
+        spec_with("kind: bookshelf", "kind: bookshelf\nshelf: {max_book_gap_mm: 9}"),
         {"file.spec_values"},
         set(),
     ),

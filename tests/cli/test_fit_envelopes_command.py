@@ -62,7 +62,7 @@ problem:
   kind: terrains
   robot: silvia
   terrain: {distribution: wall3}
-  solver: {nodes: 4}
+  solver: {node_limit: 4}
 """
 FEW = ["-s", "fit.genetic.population=6", "-s", "fit.genetic.generations=1"]
 

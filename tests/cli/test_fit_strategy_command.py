@@ -98,7 +98,7 @@ def test_without_fallback_nothing_else_answers(
     stored = build_model_file(train(data, build_fit_options(loaded.spec), 0.0), loaded, data)
     write_verified(stored, Path("one.h5"))
     given = ("--set", "solver.model.file=one.h5", "--method", "knn")
-    given += ("--set", "solver.refinements=0")  # envelopes alone seldom hold
+    given += ("--set", "solver.max_refinements=0")  # envelopes alone seldom hold
     refusing = ("--set", "solver.fallback=false", "-o", "a")
     alone = run_command("solve-bookshelf", few_scenes, *given, *refusing)
     assert alone.code == 4
@@ -116,7 +116,7 @@ def test_models_that_do_not_fit_are_refused(
     for more, word in (
         (("--method", "forest"), "a model of kind 'knn', method is 'forest'"),
         (("--method", "knn", "--set", "shelf.right_mm=90"), "made for a shelf whose right"),
-        (("--method", "knn", "--set", "meaning=published"), "made for meaning 'contact'"),
+        (("--method", "knn", "--set", "formulation=published"), "made for formulation 'contact'"),
     ):
         done = run_command("solve-bookshelf", few_scenes, *given, *more)
         assert done.code == 2

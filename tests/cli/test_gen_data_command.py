@@ -23,7 +23,7 @@ SPEC = """
 kind: dataset
 count: 12
 seed: 4
-shard: 5
+shard_size: 5
 problem: {kind: bookshelf, books: 2}
 """
 CART_POLE = f"{ROOT / 'specs' / 'cart_pole.py'}:springs"
@@ -278,7 +278,7 @@ def test_a_dataset_is_a_library_of_the_bookshelf(dataset: Path, run_command: Run
     assert outcome.code == 2
     assert "made for a shelf whose right is 0.05911 m, here it is 0.06 m" in outcome.err
     taken = run_command(
-        "solve-bookshelf", "scene.yaml", *other, "-s", "solver.library.foreign=true"
+        "solve-bookshelf", "scene.yaml", *other, "-s", "solver.library.allow_other_shelves=true"
     )
     assert taken.code == 0, taken.err
     data = read_dataset_file(dataset)
@@ -320,7 +320,7 @@ def test_a_problem_of_ones_own(workplace: Path, run_command: RunCommand) -> None
         ("problem.drop.width_mm=[40, 10]", "expected 0 < least <= largest"),
         ("problem.solver.method=exakt", "did you mean 'exact'"),
         ("count=0", "count"),
-        ("problem.meaning=published", "`exact` solves the meaning `contact` only"),
+        ("problem.formulation=published", "`exact` solves the formulation `contact` only"),
     ],
 )
 def test_bad_specs(workplace: Path, run_command: RunCommand, setting: str, words: str) -> None:

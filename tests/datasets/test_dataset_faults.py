@@ -25,7 +25,7 @@ SPEC = f"""
 kind: dataset
 count: {COUNT}
 seed: 9
-shard: 10
+shard_size: 10
 problem: {{kind: bookshelf, books: 2}}
 """
 

@@ -76,7 +76,7 @@ def test_books_stand_on_the_ground_unless_told_otherwise() -> None:
     [
         ({"scenes": {"file": "x.h5"}}, "expected either `scene` or `scenes`, got both"),
         ({"scene": None}, "got neither"),
-        ({"meaning": "published"}, "`exact` solves the meaning `contact` only"),
+        ({"formulation": "published"}, "`exact` solves the formulation `contact` only"),
         ({"solver": {"solver": "highs"}}, "method `exact`: it takes no solver, got 'highs'"),
         (
             {"solver": {"method": "mccormick", "solver": "daqp"}},

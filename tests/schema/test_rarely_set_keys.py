@@ -39,10 +39,10 @@ SPECS = Path(__file__).parents[2] / "specs"
 
 def test_shelf_of_other_tolerances() -> None:
     keys = {
-        "wall_gap_mm": 2.0,
+        "max_wall_gap_mm": 2.0,
         "lean_margin_deg": 3.0,
-        "published.distance_mm": 4.0,
-        "published.left_wall_mm": 5.0,
+        "published.distance_tolerance_mm": 4.0,
+        "published.left_wall_tolerance_mm": 5.0,
     }
     overrides = [f"shelf.{key}={value}" for key, value in keys.items()]
     shelf = build_shelf(load_shelf(SPECS / "bookshelf_scene.yaml", overrides).spec.shelf)
@@ -66,7 +66,9 @@ def test_a_search_of_books_ends_at_its_nodes() -> None:
 
 
 def test_datasets_draw_upright_books_and_wait_for_rows() -> None:
-    drop = BookshelfProblemSpec.model_validate({"kind": "bookshelf", "drop": {"upright_kept": 0.2}})
+    drop = BookshelfProblemSpec.model_validate(
+        {"kind": "bookshelf", "drop": {"upright_acceptance": 0.2}}
+    )
     assert build_drop_rules(drop).upright_kept == 0.2
     spec = load_dataset(SPECS / "dataset_bookshelf.yaml", ["row_timeout=77"]).spec
     assert spec.row_seconds == 77.0

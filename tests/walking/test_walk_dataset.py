@@ -96,7 +96,7 @@ def test_a_spoilt_walk_is_found(walks: Dataset, tmp_path: Path) -> None:
 
 FLAT = np.concatenate([np.ones(2 * NUM_TREADS), np.zeros(2 * NUM_TREADS)])
 RANGES = WorldRangesSpec(mass=0.3, speed=(0.3, 1.0), rise=0.05, tread=(0.15, 0.3))
-WORLDS = SPEC.model_copy(update={"world": RANGES})
+WORLDS = SPEC.model_copy(update={"randomisation": RANGES})
 
 
 @pytest.fixture(scope="module")

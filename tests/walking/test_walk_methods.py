@@ -145,6 +145,8 @@ def test_starts_are_drawn_within_their_ranges() -> None:
     assert np.ptp([d.forward for d in drawn]) > 2.0
     assert np.ptp([d.acceleration for d in drawn]) > 20.0
     assert all(np.array_equal(d.task.start.toes, task.start.toes) for d in drawn)
-    wide = sample_start(task, StartRanges(sideways=0.5, tilt=0.1, spin=0.6, toes=0.04), RNG).task
+    wide = sample_start(
+        task, StartRanges(lateral=0.5, tilt=0.1, angular_velocity=0.6, toes=0.04), RNG
+    ).task
     assert 0 < np.abs(wide.start.toes - task.start.toes).max() <= 0.04
     assert 0 < np.abs(wide.start.state[6:8]).max() <= 0.1

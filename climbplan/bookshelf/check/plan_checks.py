@@ -46,7 +46,9 @@ LIMITS = {
     "file.spec_hash": Limit(0, "", "sha256 of the spec's text is the stored one"),
     "file.finite": Limit(0, "", "numbers that are NaN or infinite where they must not be"),
     "scenes.data": Limit(0, "", "stored scenes whose numbers cannot be those of books"),
-    "file.spec_values": Limit(1e-9, "", "shelf, scene, meaning, method and seed are the spec's"),
+    "file.spec_values": Limit(
+        1e-9, "", "shelf, scene, formulation, method and seed are the spec's"
+    ),
     "file.totals": Limit(1e-9, "", "status, objective, bound and gap are those of the scenes"),
     "solution.consistency": Limit(
         0, "", "scenes whose status, pose, states and cost do not go together"
@@ -134,7 +136,7 @@ def _check_spec_values(plan: ShelfPlan, spec: BookshelfSpec | str, directory: Pa
     expected, stored = build_shelf(spec.shelf), plan.shelf
     difference = {
         "seed": 0.0 if plan.seed == spec.seed else math.inf,
-        "meaning": 0.0 if plan.meaning == spec.meaning else math.inf,
+        "formulation": 0.0 if plan.meaning == spec.formulation else math.inf,
         "solver.method": 0.0 if plan.method == spec.solver.method else math.inf,
     }
     for name, value in vars(expected).items():

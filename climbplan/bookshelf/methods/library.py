@@ -57,7 +57,7 @@ def read_library(
             f"library {path}: its scenes have {plan.scenes.count} stored books, expected "
             f"{target.count}"
         )
-    if not source.foreign:
+    if not source.allow_other_shelves:
         _require_same_shelf(plan, target, path)
     solved = collect_placed_scenes(plan)[: source.size]
     if not solved:
@@ -71,7 +71,9 @@ def _require_same_shelf(plan: ShelfPlan, target: LibraryTarget, path: Path) -> N
     try:
         require_context(context, target.shelf, target.meaning, target.count, f"library {path}")
     except UsageError as error:
-        raise UsageError(f"{error}; solver.library.foreign: true takes it all the same") from error
+        raise UsageError(
+            f"{error}; solver.library.allow_other_shelves: true takes it all the same"
+        ) from error
 
 
 @dataclass(frozen=True)

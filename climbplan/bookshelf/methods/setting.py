@@ -27,7 +27,7 @@ class MethodSetting:
     @classmethod
     def of(cls, spec: BookshelfSpec, shelf: Shelf, directory: Path) -> MethodSetting:
         """Return the settings that a spec gives."""
-        return cls(shelf, spec.meaning, spec.solver, directory, spec.seed)
+        return cls(shelf, spec.formulation, spec.solver, directory, spec.seed)
 
 
 def select_convex_solver(name: str | None) -> ConvexBackend:

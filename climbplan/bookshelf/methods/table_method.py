@@ -168,7 +168,7 @@ def build_method(
         )
         return TableMethod(evaluator, problem, "admm", settings)
     if solver.method in ("pinned", "knn"):
-        settings = replace(settings, neighbours=solver.candidates or 50)
+        settings = replace(settings, neighbours=solver.max_candidates or 50)
         return TableMethod(
             evaluator, problem, "knn", replace(settings, pinned=_build_pipeline_options(setting))
         )
@@ -190,9 +190,9 @@ def build_model_method(
     )
     settings = replace(_build_settings(setting, evaluator), model=model)
     if model.kind == "reduce":  # `solver` is of its programs; what they leave goes to DAQP
-        settings = replace(settings, solver=solver.solver, neighbours=solver.candidates or 1)
+        settings = replace(settings, solver=solver.solver, neighbours=solver.max_candidates or 1)
     else:
-        settings = replace(settings, neighbours=solver.candidates or 50)
+        settings = replace(settings, neighbours=solver.max_candidates or 50)
     settings = replace(settings, pinned=_build_pipeline_options(setting, model.kind == "reduce"))
     return TableMethod(evaluator, problem, model.kind, settings)
 
@@ -220,7 +220,7 @@ def _build_settings(setting: MethodSetting, evaluator: PlacementEvaluator) -> Me
         time_limit=solver.time_limit,
         tolerance=_LOOSE if setting.solver.method in _WHOLE else math.inf,
         own_tolerance=0.0,
-        neighbours=solver.candidates,
+        neighbours=solver.max_candidates,
         fallback=None,
         pinned=PipelineOptions(stop="first"),
         envelopes=EnvelopeOptions(grid=build_published_grid(evaluator)),
@@ -233,8 +233,8 @@ def _build_pipeline_options(setting: MethodSetting, reduced: bool = False) -> Pi
     solver = setting.solver
     backend = "daqp" if reduced else select_convex_solver(solver.solver)
     return PipelineOptions(
-        local="sqp" if solver.refinements or reduced else "envelopes",
-        sqp=SqpOptions(backend=backend, steps=max(solver.refinements, 1)),
+        local="sqp" if solver.max_refinements or reduced else "envelopes",
+        sqp=SqpOptions(backend=backend, steps=max(solver.max_refinements, 1)),
         good_enough=solver.gap_mm2,
     )
 

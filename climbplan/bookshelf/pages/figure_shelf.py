@@ -75,7 +75,7 @@ def draw_statistics(plan: ShelfPlan) -> Figure:
     draw_foot_legend(
         figure, handles, ["optimal (proved)", "feasible", "proved infeasible", "no answer"]
     )
-    note = format_plain(f"{plan.name}, method {plan.method}, meaning {plan.meaning}")
+    note = format_plain(f"{plan.name}, method {plan.method}, formulation {plan.meaning}")
     draw_heading(figure, f"{len(plan.scenes)} scenes", note)
     return figure
 

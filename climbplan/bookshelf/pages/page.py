@@ -37,7 +37,9 @@ def build_page(_: ShelfPlan, report: Mapping[str, Any], images: Mapping[str, byt
         images: PNG files by name.
     """
     table = _build_book_table(report) if "books" in report else _build_scene_table(report)
-    origin = build_origin_rows(report, {"Method": report["method"], "Meaning": report["meaning"]})
+    origin = build_origin_rows(
+        report, {"Method": report["method"], "Formulation": report["meaning"]}
+    )
     meanings = {**{name: limit.meaning for name, limit in LIMITS.items()}, **MEANINGS}
     return fill(
         "bookshelf.html",

@@ -46,7 +46,7 @@ def build_summary_lines(plan: ShelfPlan) -> tuple[str, ...]:
     books = f"{plan.scenes.count} stored book{'' if plan.scenes.count == 1 else 's'}"
     count_text = "1 scene" if total == 1 else f"{total} scenes"
     width = f"shelf {1e3 * plan.shelf.width:.1f} mm"
-    method = f"method {plan.method}, meaning {plan.meaning}"
+    method = f"method {plan.method}, formulation {plan.meaning}"
     head = f"{plan.name:<16} {count_text}, {books}, {width}, {method}"
     seconds = f"{plan.timings['solve']:.2f} s"
     if total == 1:

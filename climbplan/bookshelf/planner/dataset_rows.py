@@ -33,10 +33,10 @@ class ShelfRows:
             if spec.shelf is None
             else build_shelf(spec.shelf)
         )
-        self._setting = MethodSetting(shelf, spec.meaning, spec.solver, directory, seed)
+        self._setting = MethodSetting(shelf, spec.formulation, spec.solver, directory, seed)
         compile_solver(self._setting)
         self._method = prepare_method(self._setting, spec.books)
-        self._frame = build_frame(spec.books, shelf, spec.meaning)
+        self._frame = build_frame(spec.books, shelf, spec.formulation)
 
     @property
     def frame(self) -> DatasetFrame:
@@ -75,8 +75,8 @@ def build_drop_rules(spec: BookshelfProblemSpec) -> DropRules:
     return DropRules(
         width_mm=drop.width_mm,
         height_mm=drop.height_mm,
-        tilt=drop.tilt,
-        room_mm=drop.room_mm,
-        upright_kept=drop.upright_kept,
-        attempts=drop.attempts,
+        tilt=drop.max_tilt,
+        room_mm=drop.frame_width_mm,
+        upright_kept=drop.upright_acceptance,
+        attempts=drop.max_attempts,
     )

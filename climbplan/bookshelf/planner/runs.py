@@ -110,7 +110,7 @@ def run_shelf(
         name=loaded.name,
         title=loaded.spec.title,
         shelf=shelf,
-        meaning=loaded.spec.meaning,
+        meaning=loaded.spec.formulation,
         method=solver.method,
         scenes=scenes,
         solutions=solutions,

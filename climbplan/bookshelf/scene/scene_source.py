@@ -30,15 +30,15 @@ def build_shelf(spec: ShelfSpec) -> Shelf:
         left=spec.left_mm / 1000,
         right=spec.right_mm / 1000,
         height=spec.height_mm / 1000,
-        book_gap=spec.book_gap_mm / 1000,
-        wall_gap=spec.wall_gap_mm / 1000,
+        book_gap=spec.max_book_gap_mm / 1000,
+        wall_gap=spec.max_wall_gap_mm / 1000,
         lean_margin=math.radians(spec.lean_margin_deg),
         published=PublishedTolerances(
             half_width=published.half_width_mm / 1000,
             height=published.height_mm / 1000,
-            distance=published.distance_mm / 1000,
-            sine=published.sine,
-            left_wall=published.left_wall_mm / 1000,
+            distance=published.distance_tolerance_mm / 1000,
+            sine=published.sine_tolerance,
+            left_wall=published.left_wall_tolerance_mm / 1000,
         ),
     )
 

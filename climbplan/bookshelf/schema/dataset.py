@@ -20,15 +20,15 @@ class DropSpec(SpecModel):
 
     width_mm: Whole = quantity("mm", "least and largest width, whole numbers", default=(10, 40))
     height_mm: Whole = quantity("mm", "least and largest height, whole numbers", default=(50, 90))
-    tilt: Number = quantity("rad", "largest tilt at the start", default=1.2, ge=0, le=1.57)
-    room_mm: Number | None = quantity(
+    max_tilt: Number = quantity("rad", "largest tilt at the start", default=1.2, ge=0, le=1.57)
+    frame_width_mm: Number | None = quantity(
         "mm",
         "between the frame's sides, 14 mm more than the shelf's width; if left out the largest "
         "width and 4 mm for each book, the inserted one included",
         default=None,
         gt=20,
     )
-    upright_kept: Number = quantity(
+    upright_acceptance: Number = quantity(
         "",
         "share kept of the scenes in which every book stands upright: 0.49 makes them a fifth, "
         "as published",
@@ -36,7 +36,7 @@ class DropSpec(SpecModel):
         ge=0,
         le=1,
     )
-    attempts: Count = quantity(
+    max_attempts: Count = quantity(
         "", "drops for one scene before its row is given up", default=2000, ge=1, le=1_000_000
     )
 
@@ -61,7 +61,7 @@ class BookshelfProblemSpec(SpecModel):
     )
     drop: DropSpec = DropSpec()
     """How scenes come about."""
-    meaning: Meaning = Field(
+    formulation: Meaning = Field(
         default="contact", description="`contact` or `published`, as of `kind: bookshelf`"
     )
     solver: ShelfSolverSpec = ShelfSolverSpec()
@@ -69,6 +69,6 @@ class BookshelfProblemSpec(SpecModel):
 
     @model_validator(mode="after")
     def _solvable(self) -> Self:
-        if self.meaning == "published" and self.solver.method == "exact":
-            refuse([Fault("meaning", "`exact` solves the meaning `contact` only")])
+        if self.formulation == "published" and self.solver.method == "exact":
+            refuse([Fault("formulation", "`exact` solves the formulation `contact` only")])
         return self

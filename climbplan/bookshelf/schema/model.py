@@ -60,27 +60,29 @@ class SceneFileSpec(SpecModel):
 
 
 class PublishedShelfSpec(SpecModel):
-    """Frame and tolerances of the published formulation (meaning `published`)."""
+    """Frame and tolerances of the published formulation (formulation `published`)."""
 
     half_width_mm: Number = quantity("mm", "frame from its middle", default=88.0, gt=0)
     height_mm: Number = quantity("mm", "height of the frame", default=110.0, gt=0)
-    distance_mm: Number = quantity("mm", "tolerance between points", default=1.5, ge=0)
-    sine: Number = quantity("", "tolerance on the sine of a state's angle", default=0.05, ge=0)
-    left_wall_mm: Number = quantity(
+    distance_tolerance_mm: Number = quantity("mm", "tolerance between points", default=1.5, ge=0)
+    sine_tolerance: Number = quantity(
+        "", "tolerance on the sine of a state's angle", default=0.05, ge=0
+    )
+    left_wall_tolerance_mm: Number = quantity(
         "mm", "what a book that leans on the left wall may keep from it besides", default=7.0, ge=0
     )
 
 
 class ShelfSpec(SpecModel):
-    """The shelf, and what counts as touching and as stable (meaning `contact`)."""
+    """The shelf, and what counts as touching and as stable (formulation `contact`)."""
 
     left_mm: Number = quantity("mm", "left wall", default=-81.11)
     right_mm: Number = quantity("mm", "right wall", default=81.11)
     height_mm: Number = quantity("mm", "clear height above the ground", default=110.0, gt=0)
-    book_gap_mm: Number = quantity(
+    max_book_gap_mm: Number = quantity(
         "mm", "largest distance at which a leaning book touches a book", default=4.1, ge=0
     )
-    wall_gap_mm: Number = quantity(
+    max_wall_gap_mm: Number = quantity(
         "mm", "largest distance at which a leaning book touches a wall", default=1.5, ge=0
     )
     lean_margin_deg: Number = quantity(
@@ -138,10 +140,10 @@ class ShelfLibrarySpec(SpecModel):
     size: Count | None = quantity(
         "", "how many of its scenes to use, the first ones; all if left out", default=None, ge=1
     )
-    foreign: bool = Field(
+    allow_other_shelves: bool = Field(
         default=False,
-        description="also take scenes of another shelf or meaning: every answer is checked on this "
-        "shelf in this meaning, but fewer candidates hold",
+        description="also take scenes of another shelf or formulation: every answer is checked on "
+        "this shelf in this formulation, but fewer candidates hold",
     )
 
 
@@ -168,17 +170,17 @@ class ShelfSolverSpec(SpecModel):
         description="where `mpcc` starts: `zero`, `manual` (the scene as it is, planes solved "
         "before) or `knn` (neighbours in the library)",
     )
-    candidates: Count | None = quantity(
+    max_candidates: Count | None = quantity(
         "",
         "how many candidates to try: 3 for `mpcc`, 50 if left out; of `reduce` how many clusters: "
         "1, and further ones while no placement was found",
         default=None,
         ge=1,
     )
-    refinements: Count = quantity(
+    max_refinements: Count = quantity(
         "",
-        "most quadratic programs a candidate of learned methods; 0: the published method, one "
-        "pinned program over the envelopes about the neighbour",
+        "largest number of quadratic programs per candidate of learned methods; 0: the published "
+        "method, one pinned program over the envelopes about the neighbour",
         default=30,
         ge=0,
     )
@@ -212,7 +214,7 @@ class BookshelfSpec(SpecModel):
     """The shelf and its rules."""
     scene: ShelfSceneSpec | None = Field(default=None, description="one scene, written out")
     scenes: SceneFileSpec | None = Field(default=None, description="many scenes in a file")
-    meaning: Meaning = Field(
+    formulation: Meaning = Field(
         default="contact",
         description="`contact`: no overlap, leaning books touch their support; `published`: the "
         "published constraints and tolerances",
@@ -226,9 +228,9 @@ class BookshelfSpec(SpecModel):
         if (self.scene is None) == (self.scenes is None):
             actual = "got both" if self.scene else "got neither"
             refuse([Fault("", f"expected either `scene` or `scenes`, {actual}")])
-        if self.meaning == "published" and self.solver.method == "exact":
-            message = "`exact` solves the meaning `contact` only"
-            refuse([Fault("meaning", message)])
+        if self.formulation == "published" and self.solver.method == "exact":
+            message = "`exact` solves the formulation `contact` only"
+            refuse([Fault("formulation", message)])
         method, solver = self.solver.method, self.solver.solver
         allowed = _SOLVERS.get(method, ())
         if solver is not None and solver not in allowed:

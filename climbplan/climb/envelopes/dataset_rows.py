@@ -71,8 +71,8 @@ class TerrainRows:
         """
         spec, statement = self._spec, self._statement
         begin = time.perf_counter()
-        wants_feasible = bool(rng.random() < spec.share_feasible)
-        for num_tried in range(1, spec.attempts + 1):
+        wants_feasible = bool(rng.random() < spec.feasible_fraction)
+        for num_tried in range(1, spec.max_attempts + 1):
             if time.perf_counter() - begin > spec.solver.time_limit:
                 raise LimitReached(f"no such terrain within {spec.solver.time_limit:g} s")
             patches = self._terrains.sample(rng)
@@ -86,11 +86,11 @@ class TerrainRows:
             if root is None:
                 duration = time.perf_counter() - begin
                 return DecidedTerrain(patches, "infeasible", linear, 1, num_tried, duration)
-            answer = find_posture(statement, patches, nodes=spec.solver.nodes)
+            answer = find_posture(statement, patches, nodes=spec.solver.node_limit)
             x = linear if answer.status == "infeasible" else answer.x
             duration = time.perf_counter() - begin
             return DecidedTerrain(patches, answer.status, x, answer.nodes, num_tried, duration)
-        raise LimitReached(f"no such terrain among {spec.attempts}")
+        raise LimitReached(f"no such terrain among {spec.max_attempts}")
 
     def parameters(self, terrain: DecidedTerrain) -> Array:
         """Return vertices, normals and friction coefficients."""

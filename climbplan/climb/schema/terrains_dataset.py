@@ -19,7 +19,7 @@ class TerrainSolverSpec(SpecModel):
     method: Literal["exact"] = Field(
         default="exact", description="`exact`: a posture, or the proof that there is none"
     )
-    nodes: Count = quantity(
+    node_limit: Count = quantity(
         "", "of the search, after which a terrain stays undecided", default=300, ge=1
     )
     time_limit: Number = quantity(
@@ -39,15 +39,15 @@ class TerrainsProblemSpec(SpecModel):
     )
     terrain: EnvelopeTerrainSpec
     """What terrains are drawn from."""
-    share_feasible: Number = quantity(
+    feasible_fraction: Number = quantity(
         "",
-        "share of rows for which a feasible terrain is drawn; the others get an infeasible one on "
-        "which forces alone would balance",
+        "fraction of rows for which a feasible terrain is drawn; the others get an infeasible one "
+        "on which forces alone would balance",
         default=0.5,
         ge=0,
         le=1,
     )
-    attempts: Count = quantity(
+    max_attempts: Count = quantity(
         "", "terrains drawn for one row before it is given up", default=5000, ge=1, le=1_000_000
     )
     solver: TerrainSolverSpec = TerrainSolverSpec()

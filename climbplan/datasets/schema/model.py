@@ -41,7 +41,7 @@ class DatasetSpec(SpecModel):
     """What is sampled and solved."""
     count: Count = quantity("", "rows", default=1000, ge=1, le=10_000_000)
     seed: Count = quantity("", "seed; each row has its own below it", default=0, ge=0, le=2**32 - 1)
-    shard: Count = quantity(
+    shard_size: Count = quantity(
         "", "rows that are kept in one file until the run is complete", default=100, ge=1, le=10_000
     )
     row_timeout: Number | None = quantity(

@@ -33,5 +33,5 @@ def read_limits(solver: WalkSolverSpec) -> MicpLimits:
         solver.moment_arm_partitions,
         solver.height_pieces,
         tuple(np.deg2rad(solver.attitude_box.angles_deg).tolist()),
-        solver.attitude_box.spin,
+        solver.attitude_box.angular_velocity,
     )

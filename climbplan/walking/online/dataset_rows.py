@@ -53,7 +53,7 @@ class WalkRows:
         self._spec = spec
         self._task = build_task(spec.walk, robot)
         self._ranges = StartRanges(**spec.start.model_dump())
-        self._world = WorldRanges(**spec.world.model_dump())
+        self._world = WorldRanges(**spec.randomisation.model_dump())
         self._frame = build_frame(self._task, self._world.is_random)
 
     @property

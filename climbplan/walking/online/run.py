@@ -174,7 +174,10 @@ def build_scenario(spec: WalkLoopSpec, task: WalkTask) -> LoopScenario:
     return LoopScenario(
         pushes=[Push(push.time, np.array(push.velocity, float)) for push in spec.pushes],
         noise=StateNoise(
-            noise.velocity, float(np.deg2rad(noise.angles_deg)), noise.spin, noise.position
+            noise.velocity,
+            float(np.deg2rad(noise.angles_deg)),
+            noise.angular_velocity,
+            noise.position,
         ),
         delay_samples=round(spec.delay / task.sample),
         compensate_delay=spec.compensate_delay,

@@ -34,10 +34,10 @@ class StartRanges:
 
     forward: float = 1.5  # [m/s] v_x
     acceleration: float = 15.0  # [m/s^2] a_x, through one knot
-    sideways: float = 0.0  # [m/s]
+    lateral: float = 0.0  # [m/s] v_y
     tilt: float = 0.0  # [rad] roll and pitch
     yaw: float = 0.0  # [rad]
-    spin: float = 0.0  # [rad/s] of each component
+    angular_velocity: float = 0.0  # [rad/s] of each component
     toes: float = 0.0  # [m] of each toe along x and y
 
 
@@ -75,10 +75,10 @@ def sample_start(task: WalkTask, ranges: StartRanges, rng: np.random.Generator) 
     forward = float(either_way(ranges.forward, 1)[0])
     acceleration = float(either_way(ranges.acceleration, 1)[0])
     state = task.start.state.copy()
-    sideways = float(either_way(ranges.sideways, 1)[0])
-    state[VELOCITY] = [forward + task.dt * acceleration, sideways, 0.0]
+    lateral = float(either_way(ranges.lateral, 1)[0])
+    state[VELOCITY] = [forward + task.dt * acceleration, lateral, 0.0]
     state[ANGLES] += np.concatenate([either_way(ranges.tilt, 2), either_way(ranges.yaw, 1)])
-    state[SPIN] = either_way(ranges.spin, 3)
+    state[SPIN] = either_way(ranges.angular_velocity, 3)
     toes = task.start.toes.copy()
     toes[:, :2] += either_way(ranges.toes, toes[:, :2].size).reshape(-1, 2)
     started = replace(task, start=Start(state, toes))

@@ -22,15 +22,17 @@ class StartRangesSpec(SpecModel):
     acceleration: Number = quantity(
         "m/s^2", "a_x, published: a push through the knot before the walk", 15.0, ge=0, le=100
     )
-    sideways: Number = quantity("m/s", "v_y", default=0.5, ge=0, le=10)
+    lateral: Number = quantity("m/s", "v_y", default=0.5, ge=0, le=10)
     tilt: Number = quantity("rad", "roll and pitch", default=0.1, ge=0, le=1)
     yaw: Number = quantity("rad", "yaw", default=0.0, ge=0, le=1.5)
-    spin: Number = quantity("rad/s", "components of the angular velocity", 0.6, ge=0, le=10)
+    angular_velocity: Number = quantity(
+        "rad/s", "components of the angular velocity", 0.6, ge=0, le=10
+    )
     toes: Number = quantity("m", "toes along x and y", default=0.04, ge=0, le=0.2)
 
 
 class WorldRangesSpec(SpecModel):
-    """Robots, speeds and ground drawn anew for each walk; left out they are as the spec says."""
+    """Robots, speeds and ground drawn for each walk; left out they are as the spec says."""
 
     mass: Number = quantity(
         "", "share of the mass either way; the inertia goes with it", default=0.0, ge=0, lt=1
@@ -94,7 +96,7 @@ class WalksProblemSpec(SpecModel):
     """The objective."""
     start: StartRangesSpec = StartRangesSpec()
     """What starts are drawn from."""
-    world: WorldRangesSpec = WorldRangesSpec()
+    randomisation: WorldRangesSpec = WorldRangesSpec()
     """What robots, speeds and ground are drawn from."""
     solver: WalkRowSolverSpec = WalkRowSolverSpec()
     """Method and limits."""
@@ -103,9 +105,12 @@ class WalksProblemSpec(SpecModel):
     def _solvable(self) -> Self:
         faults = []
         if self.terrain.regions:
-            message = "walks of a dataset are on flat ground, or on treads by `problem.world.rise`"
+            message = (
+                "walks of a dataset are on flat ground, or on treads of height "
+                "`problem.randomisation.rise`: leave this out"
+            )
             faults.append(Fault("terrain.regions", message))
-        if 2 * (self.terrain.edge or 0.0) >= self.world.tread[0]:
+        if 2 * (self.terrain.edge or 0.0) >= self.randomisation.tread[0]:
             faults.append(Fault("terrain.edge", "leaves nothing of the shortest tread"))
         if self.task.knots < 5:
             faults.append(Fault("task.knots", f"sections need 5 knots, got {self.task.knots}"))

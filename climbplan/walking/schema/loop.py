@@ -24,7 +24,7 @@ class SensorNoiseSpec(SpecModel):
 
     velocity: Number = quantity("m/s", "of each component", default=0.0, ge=0)
     angles_deg: Number = quantity("deg", "of roll, pitch, yaw", default=0.0, ge=0)
-    spin: Number = quantity("rad/s", "of the angular velocity", default=0.0, ge=0)
+    angular_velocity: Number = quantity("rad/s", "of the angular velocity", default=0.0, ge=0)
     position: Number = quantity("m", "of height and toes", default=0.0, ge=0)
 
 
@@ -142,7 +142,7 @@ class WalkLoopSpec(SpecModel):
     @model_validator(mode="after")
     def _one_error_model(self) -> Self:
         noise = self.noise
-        noisy = noise.velocity + noise.angles_deg + noise.spin + noise.position > 0
+        noisy = noise.velocity + noise.angles_deg + noise.angular_velocity + noise.position > 0
         if self.estimation == "ekf" and noisy:
             message = "is of what is told without an estimator; with `ekf` see `sensors`"
             refuse([Fault("noise", message)])

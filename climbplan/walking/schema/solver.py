@@ -22,7 +22,9 @@ class WalkTubeSpec(SpecModel):
     )
 
     angles_deg: Vector = quantity("deg", "of roll, pitch, yaw either way", default=(2, 4, 2))
-    spin: Vector = quantity("rad/s", "of the angular velocity either way", default=(0.5, 1, 0.5))
+    angular_velocity: Vector = quantity(
+        "rad/s", "of the angular velocity either way", default=(0.5, 1, 0.5)
+    )
 
     @model_validator(mode="after")
     def _sensible(self) -> Self:
@@ -30,7 +32,7 @@ class WalkTubeSpec(SpecModel):
             Fault(key, f"expected three numbers between 0 and {limit}, got {list(values)}")
             for key, values, limit in (
                 ("angles_deg", self.angles_deg, 45),
-                ("spin", self.spin, 20),
+                ("angular_velocity", self.angular_velocity, 20),
             )
             if not (min(values) >= 0 and max(values) <= limit)
         ]

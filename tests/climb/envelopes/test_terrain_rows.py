@@ -113,10 +113,10 @@ def test_a_feasible_terrain_called_infeasible_fails_the_check(data: Dataset) -> 
 
 def test_share_of_feasible_rows(robot: Robot) -> None:
     for share, word in ((1.0, "feasible"), (0.0, "infeasible")):
-        source = TerrainRows(_spec(share_feasible=share), robot)
+        source = TerrainRows(_spec(feasible_fraction=share), robot)
         statuses = {source.draw(np.random.default_rng(k)).status for k in range(4)}
         assert statuses == {word}
-    source = TerrainRows(_spec(share_feasible=0.0, attempts=1), robot)
+    source = TerrainRows(_spec(feasible_fraction=0.0, max_attempts=1), robot)
     with pytest.raises(LimitReached, match="among 1"):
         [source.draw(np.random.default_rng(k)) for k in range(20)]
 
@@ -154,7 +154,7 @@ def test_foreign_facts_are_refused(data: Dataset) -> None:
 def test_any_robot_stands_on_terrains_of_its_own() -> None:
     """A robot from a URDF, between walls with all its limbs and on the ground with three."""
     walker = build_robot(load_any_robot("specs/robot_walker.yaml"))
-    spec = _spec(terrain={"distribution": "wall", "tilt_deg": 20}, share_feasible=1.0)
+    spec = _spec(terrain={"distribution": "wall", "tilt_deg": 20}, feasible_fraction=1.0)
     terrains = build_distribution(spec.terrain, walker)
     assert terrains.legs.names == walker.limb_names
     np.testing.assert_array_equal(terrains.legs.stance, walker.stance_body)

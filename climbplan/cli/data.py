@@ -1,4 +1,4 @@
-"""`climbplan data`: what is in datasets; put together, split, as tables."""
+"""`climbplan data`: describe, merge, split and export datasets."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ Files = Annotated[
 ]
 
 data = typer.Typer(
-    help="What is in datasets; put together, split into train and test, as tables.",
+    help="Describe, merge, split and export datasets.",
     no_args_is_help=True,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -62,13 +62,13 @@ def merge(
     *,
     drop_duplicates: Annotated[
         bool,
-        typer.Option("--drop-duplicates", help="Leave out rows whose problem is there already."),
+        typer.Option("--drop-duplicates", help="Leave out rows whose problem an earlier row has."),
     ] = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
     force: Force = False,
 ) -> None:
-    """All rows of datasets of one problem, made with different seeds, as one dataset."""
+    """Merge datasets of one problem, made with different seeds, into one."""
     from climbplan.datasets.combining import merge as merged
     from climbplan.store.dataset_file import write_dataset_file
 
@@ -87,19 +87,23 @@ def split(
     file: File,
     *,
     test: Annotated[
-        float, typer.Option("--test", metavar="SHARE", help="Share of the problems for the test.")
+        float,
+        typer.Option("--test", metavar="SHARE", help="Fraction of the problems that is for tests."),
     ] = 0.2,
-    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Of the draw.")] = 0,
+    seed: Annotated[int, typer.Option("--seed", metavar="N", min=0, help="Seed of the split.")] = 0,
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="FILE", help="Dataset with masks [default: the file itself]."
+            "--out",
+            "-o",
+            metavar="FILE",
+            help="Dataset to write, with masks [default: the file itself].",
         ),
     ] = None,
     files: Annotated[
         Path | None,
         typer.Option(
-            "--files", metavar="DIR", help="Instead of masks: train.h5 and test.h5 in DIR."
+            "--files", metavar="DIR", help="Directory for train.h5 and test.h5, in place of masks."
         ),
     ] = None,
     quiet: Quiet = False,

@@ -53,9 +53,10 @@ class ExportOptions:
         FormatName,
         typer.Option(
             "--format",
-            help="csv; npz: NumPy arrays; mcap: one file of ROS 2 messages; ros2: a bag of ROS 2; "
-            "jtc: parameters and goal of a JointTrajectoryController; usd: an animated scene; "
-            "regulator: code and tables that correct commands by joint angles.",
+            help="Format: csv; npz: NumPy arrays; mcap: one file of ROS 2 messages; ros2: a bag "
+            "of ROS 2; jtc: parameters and goal of a JointTrajectoryController; usd: an animated "
+            "scene; regulator: code and tables that correct joint commands by measured joint "
+            "angles.",
         ),
     ] = "csv"
     rate: Annotated[
@@ -74,14 +75,16 @@ class ExportOptions:
         bool,
         typer.Option(
             "--feedforward",
-            help="Tell torques apart: commands are the angles, whatever the gains are.",
+            help="Torques as a feedforward term of their own: commanded angles are then the "
+            "planned ones, whatever the gains are.",
         ),
     ] = False
     gravity: Annotated[
         bool | None,
         typer.Option(
             "--gravity/--no-gravity",
-            help="Effort contains what holds the links' own weight [default: with jtc].",
+            help="Whether efforts include the torques that hold the links' own weight [default: "
+            "with jtc].",
         ),
     ] = None
     ramp: Annotated[
@@ -89,22 +92,23 @@ class ExportOptions:
         typer.Option(
             metavar="S",
             min=0,
-            help="Load ramps before and after the plan [s] [default: 3 with jtc, otherwise 0].",
+            help="Duration of the load ramps before and after the plan [s] [default: 3 with jtc, "
+            "else 0].",
         ),
     ] = None
     unverified: Annotated[
         bool,
         typer.Option(
             "--unverified",
-            help="Also a plan that fails its verification, which the exported files then say.",
+            help="Export also of a plan that fails its verification; the exported files say so.",
         ),
     ] = False
     instances: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Instead of a plan: write the public set of contact problems there, as .mps and "
-            ".nl files with a table and a checker.",
+            help="Directory for the public set of contact problems (.mps and .nl files, a table "
+            "and a checker), in place of a plan.",
             rich_help_panel="export --instances",
         ),
     ] = None
@@ -113,7 +117,7 @@ class ExportOptions:
         typer.Option(
             metavar="N",
             min=0,
-            help="Of the set [0: the one whose best values are known].",
+            help="Seed of the set [default: 0, for which best values are known].",
             rich_help_panel="export --instances",
         ),
     ] = None
@@ -122,7 +126,7 @@ class ExportOptions:
         typer.Option(
             metavar="N",
             min=1,
-            help="Instances of each family and class [9: 216 in all].",
+            help="Number of instances of each family and class [default: 9, 216 in all].",
             rich_help_panel="export --instances",
         ),
     ] = None

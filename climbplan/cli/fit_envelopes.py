@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from climbplan.cli.console import Invocation, print_json, print_result
-from climbplan.cli.options import Force, Json, Method, Out, Quiet, Seed, Set, Spec, Verbose
+from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
 
 if TYPE_CHECKING:
     from climbplan.climb.envelopes.run import EnvelopeRun
@@ -24,11 +24,22 @@ def fit_envelopes(
     out: Out = None,
     assignments: Set = None,
     seed: Seed = None,
-    method: Method = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            "--method",
+            metavar="NAME",
+            help="Method: all, clustering, genetic or heuristic; sets `fit.method`.",
+        ),
+    ] = None,
     jobs: Annotated[
         int,
         typer.Option(
-            "--jobs", "-j", metavar="N", min=1, help="Worker processes of the genetic search."
+            "--jobs",
+            "-j",
+            metavar="N",
+            min=1,
+            help="Number of worker processes of the genetic search.",
         ),
     ] = 1,
     as_json: Json = False,

@@ -19,18 +19,21 @@ if TYPE_CHECKING:
 def fit_stiffness(
     context: typer.Context,
     data: Annotated[
-        Path, typer.Argument(metavar="DATA.csv", help="Tests or stiffness matrices of one limb.")
+        Path,
+        typer.Argument(metavar="DATA.csv", help="Load tests or stiffness matrices of one limb."),
     ],
     *,
     robot: Annotated[
         str,
         typer.Option(
-            "--robot", metavar="NAME", help="Robot whose limb it is: a built-in name or a file."
+            "--robot",
+            metavar="NAME",
+            help="Robot whose limb was measured: a built-in name or a file.",
         ),
     ] = "silvia",
     limb: Annotated[
         str | None,
-        typer.Option("--limb", metavar="NAME", help="Which limb; the first if left out."),
+        typer.Option("--limb", metavar="NAME", help="Limb that was measured [default: the first]."),
     ] = None,
     out: Out = None,
     seed: Seed = None,

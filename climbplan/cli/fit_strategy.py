@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from climbplan.cli.console import Invocation, print_json, print_result
-from climbplan.cli.options import Force, Json, Method, Out, Quiet, Seed, Set, Spec, Verbose
+from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verbose
 from climbplan.cli.solve_problem import ProblemName, load_problem, run_user_code
 from climbplan.errors import UsageError
 
@@ -29,7 +29,14 @@ def fit_strategy(
     out: Out = None,
     assignments: Set = None,
     seed: Seed = None,
-    method: Method = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            "--method",
+            metavar="NAME",
+            help="Model: knn, forest, boosting, network or reduce; sets `model.kind`.",
+        ),
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,

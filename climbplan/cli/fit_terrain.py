@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from climbplan.cli.console import Invocation, print_json, print_result
-from climbplan.cli.options import Force, Json, Out, Quiet, Verbose
+from climbplan.cli.options import Force, Json, Quiet, Verbose
 from climbplan.cli.quick import NoReport
 from climbplan.errors import UsageError
 
@@ -19,11 +19,22 @@ def fit_terrain(
     context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="Mesh, point cloud or height map.")],
     *,
-    out: Out = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Output directory [default: outputs/<file's name>_terrain].",
+        ),
+    ] = None,
     settings: Annotated[
         list[str] | None,
         typer.Option(
-            "--set", "-s", metavar="KEY=VALUE", help="A key of terrain.scan: flatness=0.003."
+            "--set",
+            "-s",
+            metavar="KEY=VALUE",
+            help="Value for a key of terrain.scan, such as flatness=0.003; repeatable.",
         ),
     ] = None,
     holds: Annotated[
@@ -31,7 +42,7 @@ def fit_terrain(
         typer.Option(
             "--holds",
             metavar="OPENING",
-            help="Find what a gripper with fingers so far apart [m] can hold, instead of regions.",
+            help="Opening of a gripper's fingers [m]: find what it can hold, in place of regions.",
         ),
     ] = None,
     no_report: NoReport = False,

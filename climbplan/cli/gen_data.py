@@ -53,7 +53,8 @@ class GenDataOptions:
         typer.Option(
             "--scheduler",
             metavar="ADDRESS",
-            help="Workers of a Dask cluster instead: tcp://HOST:PORT, or local-cluster:N.",
+            help="Dask cluster whose workers are used in place of --jobs: tcp://HOST:PORT, or "
+            "local-cluster:N.",
         ),
     ] = None
     time_limit: Annotated[

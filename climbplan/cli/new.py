@@ -35,7 +35,7 @@ class NewOptions:
         typer.Option(
             "--example",
             metavar="NAME",
-            help="Another example: climb_tube, or robot_walker for a robot from a URDF.",
+            help="Name of another example, such as climb_tube, or robot_walker for a URDF robot.",
         ),
     ] = None
     urdf: Annotated[
@@ -43,7 +43,8 @@ class NewOptions:
         typer.Option(
             "--urdf",
             metavar="FILE",
-            help="Kind robot: propose one from its URDF or MJCF, with plans of a walk and a climb.",
+            help="URDF or MJCF file from which a robot is proposed (kind robot), with specs that "
+            "plan.",
         ),
     ] = None
     package: Annotated[
@@ -51,7 +52,8 @@ class NewOptions:
         typer.Option(
             "--package",
             metavar="NAME:PART",
-            help="The same for a URDF of an installed Python package, by part of its path.",
+            help="Installed Python package and part of the path of a URDF in it, in place of "
+            "--urdf.",
         ),
     ] = None
     toes: Annotated[
@@ -59,8 +61,8 @@ class NewOptions:
         typer.Option(
             "--toes",
             metavar="LINKS",
-            help="With --urdf or --package: links that its legs end in, by commas; two are flat "
-            "feet [default: found].",
+            help="With --urdf or --package: links that the legs end in, separated by commas; two "
+            "are flat feet [default: found in the URDF].",
         ),
     ] = None
     quiet: Quiet = False

@@ -36,41 +36,68 @@ Out = Annotated[
 Set = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", "-s", metavar="KEY=VALUE", help="Set a key of the spec: task.rounds=6. Repeatable."
+        "--set",
+        "-s",
+        metavar="KEY=VALUE",
+        help="Value for a key of the spec, such as task.rounds=6; repeatable.",
     ),
 ]
-Seed = Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of all randomness.")]
+Seed = Annotated[
+    int | None,
+    typer.Option(
+        "--seed", metavar="N", help="Seed of all random numbers [default: the spec's, else 0]."
+    ),
+]
 Jobs = Annotated[
-    int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Parallel workers of a study.")
+    int,
+    typer.Option("--jobs", "-j", metavar="N", min=1, help="Number of parallel workers of a study."),
 ]
 TimeLimit = Annotated[
     float | None,
-    typer.Option("--time-limit", metavar="SECONDS", help="Time limit of one problem."),
+    typer.Option(
+        "--time-limit",
+        metavar="SECONDS",
+        help="Time limit of one problem [s]; sets `solver.time_limit`.",
+    ),
 ]
 Method = Annotated[
     str | None,
-    typer.Option("--method", metavar="NAME", help="Method, as `solver.method` of the spec."),
+    typer.Option(
+        "--method",
+        metavar="NAME",
+        help="Method; sets `solver.method`, whose values `climbplan schema KIND` lists.",
+    ),
 ]
 Solver = Annotated[
     list[str] | None,
     typer.Option(
         "--solver",
         metavar="NAME",
-        help="Solver that the method uses (plan-climb: of postures or forces, repeatable).",
+        help="Solver that the method uses; repeatable where it uses several (postures, forces).",
     ),
 ]
 SaveModel = Annotated[
     Path | None,
-    typer.Option("--save-model", metavar="FILE", help="Also write the mathematical program."),
+    typer.Option(
+        "--save-model",
+        metavar="FILE",
+        help="File for the mathematical program, for other solvers (.lp, .mps, .cip or .nl).",
+    ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")]
+Json = Annotated[bool, typer.Option("--json", help="Result as one JSON object on standard output.")]
 Quiet = Annotated[
-    bool, typer.Option("--quiet", "-q", callback=_quiet, help="No progress and no summary.")
+    bool,
+    typer.Option(
+        "--quiet", "-q", callback=_quiet, help="No progress and no summary on standard error."
+    ),
 ]
 Verbose = Annotated[
     bool,
     typer.Option(
-        "--verbose", "-v", callback=_verbose, help="Show the log, and tracebacks of bugs."
+        "--verbose",
+        "-v",
+        callback=_verbose,
+        help="Log on standard error, with tracebacks of internal errors.",
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace what is already there.")]

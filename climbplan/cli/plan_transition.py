@@ -27,14 +27,16 @@ def plan_transition(
     spec: Spec,
     *,
     rounds: Annotated[
-        int | None, typer.Option("--rounds", metavar="N", min=1, help="Number of rounds.")
+        int | None,
+        typer.Option("--rounds", metavar="N", min=1, help="Number of rounds; sets `task.rounds`."),
     ] = None,
     sequence: Annotated[
         str | None,
         typer.Option(
             "--sequence",
             metavar="SEQUENCE",
-            help="How many limbs move in each round (3-1-2-2), or which ('LF LR RM | RF RR LM').",
+            help="Contact sequence: how many limbs move in each round (3-1-2-2), or which "
+            "('LF LR RM | RF RR LM').",
         ),
     ] = None,
     out: Out = None,

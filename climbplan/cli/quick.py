@@ -38,11 +38,14 @@ def quick_overrides(kind: str, quick: bool) -> list[str | Override]:
 def _help(kind: str) -> str:
     sets = [f"{_WORDS[bound]}{key}={value}" for key, value, bound in _QUICK[kind]]
     first = f"sets {', '.join(sets)} (--set takes precedence)" if sets else "changes no key"
-    return f"Plan fast: {first}, and no report, as --no-report."
+    return f"Fast planning for a first look: {first}; no report, as with --no-report."
 
 
 NoReport = Annotated[
-    bool, typer.Option("--no-report", help="Leave out page and figures; report.json is written.")
+    bool,
+    typer.Option(
+        "--no-report", help="No page and no figures; report.json is written all the same."
+    ),
 ]
 QuickClimb = Annotated[bool, typer.Option("--quick", help=_help("climb"))]
 QuickTransition = Annotated[bool, typer.Option("--quick", help=_help("transition"))]

@@ -28,7 +28,9 @@ def robot(
     ],
     picture: Annotated[
         Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Draw its stance and reach (.png)."),
+        typer.Option(
+            "--out", "-o", metavar="FILE", help="Picture of stance and reach to write (.png)."
+        ),
     ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -37,7 +39,7 @@ def robot(
 ) -> None:
     """Print mass, stance, standing height, reach and limits of a robot.
 
-    Standing is meant as in its stance, forces straight up.
+    Torques of standing are those in its stance with vertical contact forces.
     """
     if picture is not None:
         if picture.suffix != ".png":

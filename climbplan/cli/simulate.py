@@ -58,9 +58,9 @@ class SimulateOptions:
             "--runs",
             metavar="N",
             min=0,
-            help="Random runs (of each swept value) in MuJoCo: friction 50 to 105 %, up to 2 % "
-            "more mass, motors' gain 95 to 105 %, one toe without friction for 0.2 s. What "
-            "`uncertainty` says has no part in them, but in --worlds.",
+            help="Number of random runs in MuJoCo, for each value of --sweep: friction 50 to 105 "
+            "%, up to 2 % more mass, motors' gain 95 to 105 %, one toe without friction for 0.2 "
+            "s. They do not use the spec's `uncertainty`; --worlds does.",
         ),
     ] = 0
     sweep: Annotated[
@@ -68,7 +68,8 @@ class SimulateOptions:
         typer.Option(
             "--sweep",
             metavar="KEY=V1,V2,...",
-            help="Plan anew at these values: force.safety_friction=1,1.5,2; worlds as of --runs.",
+            help="Key of the spec and values to plan again at, such as "
+            "force.safety_friction=1,1.5,2; each plan is replayed with --runs random runs.",
         ),
     ] = None
     friction: Annotated[
@@ -90,7 +91,7 @@ class SimulateOptions:
             metavar="SHARE",
             min=0.0,
             max=0.95,
-            help="Part of the mass that is in the limbs [default: as the URDF says, else 0.02].",
+            help="Fraction of the mass that is in the limbs [default: the URDF's, else 0.02].",
         ),
     ] = None
     armature: Annotated[
@@ -99,7 +100,7 @@ class SimulateOptions:
             "--armature",
             metavar="FACTOR|=VALUE",
             help="Factor on the rotor inertia of all joints, or =VALUE of each "
-            "[kg m^2; default 1, of what the robot file says].",
+            "[kg m^2]; the robot file has the rotor inertias.",
         ),
     ] = "1"
     damping: Annotated[
@@ -108,13 +109,14 @@ class SimulateOptions:
             "--damping",
             metavar="FACTOR|=VALUE",
             help="Factor on the derivative gain and viscous friction of all joints, or =VALUE of "
-            "each gain [N m s/rad; default 1, of what the robot file says].",
+            "each gain [N m s/rad]; the robot file has the gains.",
         ),
     ] = "1"
     limb_weights: Annotated[
         bool,
         typer.Option(
-            "--limb-weights/--no-limb-weights", help="Whether motors are told to carry the links."
+            "--limb-weights/--no-limb-weights",
+            help="Whether motor commands include the weight of the links.",
         ),
     ] = True
     speed: Annotated[
@@ -136,9 +138,9 @@ class SimulateOptions:
         Regulated | None,
         typer.Option(
             "--regulate",
-            help="What of the body's pose standing limbs are told to correct: its attitude (an "
-            "inertial sensor's), or its place as well: by the joints' own sensors, or as it is "
-            "[default: joints; of flat feet nothing].",
+            help="What the regulator of standing limbs corrects: nothing; attitude, from an "
+            "inertial sensor; joints, the whole pose from joint sensors; pose, the whole true "
+            "pose [default: joints; for flat feet nothing].",
             show_default=False,
         ),
     ] = None
@@ -151,7 +153,7 @@ class SimulateOptions:
             "--joint-noise-deg",
             metavar="DEG",
             min=0.0,
-            help="Standard deviation of what the joints' sensors tell the regulator.",
+            help="Standard deviation of the joint sensors that the regulator reads [deg].",
         ),
     ] = 0.0
     most_slips: Annotated[
@@ -160,7 +162,8 @@ class SimulateOptions:
             "--most-slips",
             metavar="N",
             min=0,
-            help="Slips and lost contacts together that are let pass [default: 0; walks: 4].",
+            help="Largest number of slips and lost contacts together that passes [default: 0; "
+            "walks: 4].",
         ),
     ] = None
     allow_falls: Annotated[
@@ -172,8 +175,8 @@ class SimulateOptions:
         typer.Option(
             "--push",
             metavar="T:VX,VY,VZ",
-            help="Push a walking robot from a URDF at T s, by the momentum that is worth such a "
-            "change of velocity [m/s]; may be given again.",
+            help="Push on a walking robot from a URDF at time T [s], as a change of velocity "
+            "[m/s] of its whole mass, world frame; repeatable.",
         ),
     ] = None
     worlds: Annotated[
@@ -182,14 +185,15 @@ class SimulateOptions:
             "--worlds",
             metavar="N",
             min=0,
-            help="Worlds drawn from the plan's uncertainty, in which falls are counted.",
+            help="Number of worlds drawn from the plan's `uncertainty`, in which falls are "
+            "counted.",
         ),
     ] = 0
     engine: Annotated[
         SimulationEngine,
         typer.Option(
             "--engine",
-            help="mujoco; statics: quasi-static steps for --worlds; drake: a second engine, which "
+            help="Physics engine: mujoco; statics, quasi-static steps for --worlds; drake, which "
             "plays the exported files of a climb or transition on the robot's own URDF.",
         ),
     ] = SimulationEngine.mujoco
@@ -198,7 +202,7 @@ class SimulateOptions:
         typer.Option(
             "--urdf",
             metavar="FILE",
-            help="The robot's URDF, for its meshes [default: where the robot file has it].",
+            help="URDF of the robot with its meshes [default: the one that the robot file names].",
             rich_help_panel="simulate --engine drake",
         ),
     ] = None
@@ -214,8 +218,8 @@ class SimulateOptions:
         bool,
         typer.Option(
             "--rare",
-            help="Estimate the probability of a fall from --worlds by splitting, which tells one "
-            "in a thousand from one in a hundred thousand; with --engine statics.",
+            help="Probability of a fall from --worlds by multilevel splitting, for probabilities "
+            "of 1e-3 to 1e-5; with --engine statics.",
         ),
     ] = False
     workers: Annotated[
@@ -234,20 +238,21 @@ class SimulateOptions:
 def simulate(context: typer.Context, options: SimulateOptions) -> None:
     """Replay a climb, transition, walk or plan of modules in MuJoCo and compare it with its plan.
 
-    Climbs and transitions: torques, friction and sag of the whole robot. Walks (plans of kind mpc):
-    one rigid body pushed off feet by the planned forces, or the whole robot with its links' masses
-    and joint torques where it comes from a URDF. Modules: chains of links with servos,
-    whose latches are constraints that break at their limits (in massless plans links weigh next to
-    nothing and nothing breaks). Prints the path of simulation.csv (default directory:
-    outputs/<plan's name>_simulation), one row a standing limb or closed contact and instant; beside
-    it report.json, report.html, figures/ and simulation.gif, with --worlds worst_world.gif. Needs
-    `pip install 'climbplan[simulate]'`.
+    Climbs and transitions: torques, friction and deflection of the whole robot. Walks (plans of
+    kind mpc): one rigid body pushed off feet by the planned forces, or the whole robot with its
+    links' masses and joint torques where it comes from a URDF. Modules: chains of links with
+    servos, whose latches are constraints that break at their limits (in massless plans links weigh
+    next to nothing and nothing breaks).
+
+    Prints the path of simulation.csv, with one row a standing limb or closed contact and instant.
+    Next to it are report.json, report.html, figures/ and simulation.gif, with --worlds also
+    worst_world.gif. Needs `pip install 'climbplan[simulate]'`.
 
     Exit code 5 if the robot falls in the run without random changes, or if more than --most-slips
-    toes slide (over 5 mm) or do not touch where they should (0.5 s; walks 0.02 s), if modules lose
-    the box or more than --most-slips of their contacts break or miss. Runs of --runs
-    and --sweep are a study and decide nothing, as are --worlds: worlds of the spec's `uncertainty`,
-    each a function of --seed and its number.
+    toes slide (over 5 mm) or do not touch where they should (0.5 s; walks 0.02 s). Of modules: if
+    they lose the box, or more than --most-slips of their contacts break or miss. --runs, --sweep
+    and --worlds are studies, which do not change the exit code. A world is drawn from the spec's
+    `uncertainty` and depends on --seed and its number alone.
 
     With --engine drake (`pip install 'climbplan[drake]'`) the files that `climbplan export` writes
     are played in Drake, beside them simulation.csv and report.json; of the other options

@@ -63,14 +63,14 @@ class SolveOptions:
         typer.Option(
             "--certificate",
             metavar="FILE",
-            help="Also write proofs of the bounds, which `climbplan verify` checks on its own.",
+            help="File for proofs of the bounds, which `climbplan verify` checks without a solver.",
         ),
     ] = None
     sequence: Annotated[
         bool,
         typer.Option(
             "--sequence",
-            help="Rows are one problem whose parameters change: each is helped by the last.",
+            help="Rows are one problem whose parameters change: each solve starts from the last.",
         ),
     ] = False
     shift: Annotated[
@@ -79,7 +79,7 @@ class SolveOptions:
             "--shift",
             metavar="STEPS",
             min=0,
-            help="Of --sequence: steps by which the horizon recedes from row to row.",
+            help="With --sequence: number of steps by which the horizon recedes from row to row.",
         ),
     ] = 0
 

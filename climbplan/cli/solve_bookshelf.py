@@ -22,24 +22,37 @@ def solve_bookshelf(
     assignments: Set = None,
     seed: Seed = None,
     jobs: Annotated[
-        int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Parallel workers for a file.")
+        int,
+        typer.Option(
+            "--jobs",
+            "-j",
+            metavar="N",
+            min=1,
+            help="Number of parallel workers for a file of scenes.",
+        ),
     ] = 1,
     time_limit: Annotated[
         float | None,
-        typer.Option("--time-limit", metavar="SECONDS", help="Time limit of one scene."),
+        typer.Option("--time-limit", metavar="SECONDS", help="Time limit of one scene [s]."),
     ] = None,
     method: Annotated[
         str | None,
-        typer.Option("--method", metavar="NAME", help="Method, such as exact (the schema's list)."),
+        typer.Option(
+            "--method",
+            metavar="NAME",
+            help="Method, such as exact; `climbplan schema bookshelf` lists all.",
+        ),
     ] = None,
     solver: Annotated[
         str | None,
-        typer.Option("--solver", metavar="NAME", help="Solver of a method that has several."),
+        typer.Option("--solver", metavar="NAME", help="Solver, for methods that have several."),
     ] = None,
     save_model: Annotated[
         Path | None,
         typer.Option(
-            "--save-model", metavar="FILE", help="Also write the first scene's program (.lp, .cip)."
+            "--save-model",
+            metavar="FILE",
+            help="File for the first scene's program (.lp, .mps or .cip).",
         ),
     ] = None,
     as_json: Json = False,

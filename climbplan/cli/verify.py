@@ -33,7 +33,7 @@ def verify(
         bool,
         typer.Option(
             "--worlds",
-            help="Play the worlds again in which the plan says it stands, and compare the counts.",
+            help="Count falls again in the worlds that the plan names, and compare.",
         ),
     ] = False,
     as_json: Json = False,
@@ -43,13 +43,14 @@ def verify(
     """Re-check every constraint of a plan from its file alone.
 
     Prints the level of the plan (fine, look at this, do not use), what it is verified in, the spec
-    it was held against (hash first), and the worst residual of each check with its limit. Exit code
-    5 if one is exceeded or data are implausible. With --worlds falls are counted again in the
-    worlds that the plan names by seed. With --spec the plan is held against your own spec with your
-    --set: a plan whose stored spec asks for less fails, and keys that differ are named. Plans of
-    `climbplan solve`, and datasets of such problems, also need the statement that they answer:
-    --problem. A file of `solve --certificate` is checked leaf by leaf; with --problem its numbers
-    are compared with the statement's.
+    it was verified against (hash first), and the worst residual of each check with its limit. Exit
+    code 5 if one is exceeded or data are implausible.
+
+    With --worlds falls are counted again in the worlds that the plan names by seed. With --spec the
+    plan is verified against your own spec with your --set: a plan whose stored spec requires less
+    fails, and keys that differ are named. Plans of `climbplan solve`, and datasets of such
+    problems, also need the statement that they answer: --problem. A file of `solve --certificate`
+    is checked leaf by leaf; with --problem its numbers are compared with the statement's.
     """
     path = find_plan(plan)
     if assignments and spec is None:

@@ -20,14 +20,19 @@ def view(
     plan: Plan,
     *,
     port: Annotated[
-        int, typer.Option("--port", metavar="N", min=0, max=65535, help="0 takes a free one.")
+        int,
+        typer.Option(
+            "--port", metavar="N", min=0, max=65535, help="Port of the page; 0 takes a free one."
+        ),
     ] = 8080,
     host: Annotated[
         str,
-        typer.Option("--host", metavar="ADDRESS", help="0.0.0.0 lets other machines look on."),
+        typer.Option(
+            "--host", metavar="ADDRESS", help="Address to serve at; 0.0.0.0 admits other machines."
+        ),
     ] = "127.0.0.1",
     browser: Annotated[
-        bool, typer.Option("--browser/--no-browser", help="Whether to open a browser.")
+        bool, typer.Option("--browser/--no-browser", help="Whether a browser is opened.")
     ] = True,
     quiet: Quiet = False,
     verbose: Verbose = False,

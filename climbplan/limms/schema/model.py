@@ -326,7 +326,7 @@ def _find_module_faults(spec: LimmsSpec) -> list[Fault]:
     module_of_anchor: dict[str, str] = {}
     for i, module in enumerate(spec.modules):
         if (module.position is None) == (module.anchor is None):
-            faults.append(Fault(f"modules.{i}", "expected either `stand` or `anchor`"))
+            faults.append(Fault(f"modules.{i}", "expected either `position` or `anchor`"))
         if module.anchor is None:
             continue
         if module.anchor not in anchors:

@@ -140,11 +140,15 @@ class Conflict:
         verb = " conflict" if len(self.constraints) > 1 else " cannot be met"
         if self.in_words:
             verb = ""
-        cure = "; feasible with " if self.enough else "; at least needed: "
+        cure = f"; {self.remedy_lead} {' or '.join(map(str, self.remedies))}"
+        return f"{self.where}: {what}{verb}{cure if self.remedies else ''}"
+
+    @property
+    def remedy_lead(self) -> str:
+        """Return the words before the remedies, which say how much they promise."""
         if self.tried:
-            cure = "; what was tried is feasible with "
-        cure = cure + " or ".join(map(str, self.remedies)) if self.remedies else ""
-        return f"{self.where}: {what}{verb}{cure}"
+            return "what was tried is feasible with"
+        return "feasible with" if self.enough else "at least needed:"
 
     def _constraints_with_checks(self) -> tuple[str, ...]:
         """The constraints, each with the name of its check in brackets."""
@@ -155,8 +159,14 @@ class Conflict:
         return tuple(what if what == name else f"{what} [{name}]" for what, name in both)
 
 
+_MIN_LINES_FOR_CHANGE = 3  # lines of a failure whose first one also names a change
+
+
 class NoPlanFound(ClimbplanError):
     """No plan exists or none was found within the limits.
+
+    Its text begins with one sentence that says what failed. Where the text has several lines, that
+    sentence also names the nearest change of the spec that helps, if one is known.
 
     stage: where it ended ("posture", "force", ...). remedies: beside those of the conflicts.
     """
@@ -176,7 +186,22 @@ class NoPlanFound(ClimbplanError):
         self.conflicts = list(conflicts or [])
         self.stage = stage
         self._remedies = tuple(remedies)
-        super().__init__("\n".join([message, *(str(c) for c in self.conflicts)]))
+        super().__init__("\n".join([self._headline(), *(str(c) for c in self.conflicts)]))
+
+    def _headline(self) -> str:
+        """Return the message, its first line with the nearest change if many lines follow it."""
+        num_lines = self.message.count("\n") + 1 + len(self.conflicts)
+        first, newline, rest = self.message.partition("\n")
+        if num_lines < _MIN_LINES_FOR_CHANGE or "--set" in first:
+            return self.message
+        if nearest := next((c for c in self.conflicts if c.remedies), None):
+            change = f"; nearest: {nearest.where}, {nearest.remedy_lead} {nearest.remedies[0]}"
+        elif self._remedies:
+            change = f"; a change to try: {self._remedies[0]}"
+        else:
+            return self.message
+        colon = ":" if first.endswith(":") else ""
+        return f"{first.removesuffix(':')}{change}{colon}{newline}{rest}"
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:

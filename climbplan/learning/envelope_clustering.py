@@ -138,7 +138,10 @@ def find_largest_box(
         time_limit,
     )
     if answer.x is None:
-        raise LimitReached("no box about the centre without infeasible points was found in time")
+        raise LimitReached(
+            "no box without infeasible points about the cluster's centre was found within the time "
+            "limit"
+        )
     fraction = np.clip(answer.x[: 2 * D], 0.0, 1.0)
     box = Envelope(center - fraction[:D] * (center - low), center + fraction[D:] * (high - center))
     return box, answer.gap

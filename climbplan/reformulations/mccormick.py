@@ -207,7 +207,10 @@ class McCormick(Reformulation[EnvelopedInstance]):
         places = self._locate_variables()
         for product in range(K):
             if is_late():
-                raise LimitReached("the time was over before the envelopes were made")
+                raise LimitReached(
+                    "the time limit ended before the envelopes were built; a larger limit or fewer "
+                    "pieces (`envelopes.pieces`) may help"
+                )
             product_cells = self._build_cells(instance.products, product, places, low, high, column)
             if product_cells is None:
                 without_partition.append(product)

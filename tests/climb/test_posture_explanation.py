@@ -78,7 +78,7 @@ def test_a_closed_way_says_by_how_much(demo_climb: SceneMaker, clearance: float)
 def test_violations_name_obstacle_and_side(demo_climb: SceneMaker) -> None:
     post = {"name": "post", "lower": (0.3, -0.3, 0.1), "upper": (0.34, 0.3, 0.25)}
     text = str(refused(free_goal(demo_climb, **{"terrain.obstacles": [post]})))
-    assert "the closest one found still has" in text
+    assert "violations of the closest one:" in text
     assert "of 'post' (face " in text or "below 'post' (face " in text or "above 'post'" in text
 
 

@@ -66,7 +66,9 @@ def prepare_problem(scene: ClimbScene, margins: PostureMargins) -> CoupledProble
         raise explain_infeasible(scene, postures, alone)
     if first.x is None or first.assignment is None:
         raise LimitReached(
-            f"coupled planner: no postures within {options.time_limit:g} s", stage="posture"
+            f"no postures found within {options.time_limit:g} s (solver.time_limit) before forces "
+            "are planned; a larger limit or fewer rounds may help",
+            stage="posture",
         )
     origin = postures.value("com", first.x)
     program = formulate_coupled_program(scene, margins, origin)

@@ -120,10 +120,10 @@ def remove_unloadable_regions(scene: ClimbScene) -> ClimbScene:
     stuck = [scene.robot.limb_names[limb] for limb in lost]
     if stuck:
         raise Unresolved(
-            f"{', '.join(stuck)}: no region holds the load that each limb is to carry "
-            f"(posture.min_load {scene.spec.posture.min_load:g} of the weight), at friction "
-            f"mu / {safety:g} (S_mu)",
-            because="that every limb carries a share is a bound of the coupled methods",
+            f"no region holds the load that each limb has to carry, for {', '.join(stuck)}: "
+            f"posture.min_load is {scene.spec.posture.min_load:g} of the weight, friction is "
+            f"mu / {safety:g} (S_mu); expected a smaller posture.min_load or more friction",
+            because="the coupled methods require that every limb carries a share of the weight",
             stage="posture",
         )
     return replace(scene, terrain=replace(terrain, allowed=allowed))

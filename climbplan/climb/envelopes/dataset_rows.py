@@ -72,9 +72,13 @@ class TerrainRows:
         spec, statement = self._spec, self._statement
         begin = time.perf_counter()
         wants_feasible = bool(rng.random() < spec.feasible_fraction)
+        wanted = "a feasible terrain" if wants_feasible else "an infeasible terrain"
         for num_tried in range(1, spec.max_attempts + 1):
             if time.perf_counter() - begin > spec.solver.time_limit:
-                raise LimitReached(f"no such terrain within {spec.solver.time_limit:g} s")
+                raise LimitReached(
+                    f"{wanted} was not drawn within {spec.solver.time_limit:g} s "
+                    "(problem.solver.time_limit)"
+                )
             patches = self._terrains.sample(rng)
             theta = statement.theta(patches)
             root = solve_relaxed(statement.legs, patches, theta["force"], theta["moment"])
@@ -90,7 +94,9 @@ class TerrainRows:
             x = linear if answer.status == "infeasible" else answer.x
             duration = time.perf_counter() - begin
             return DecidedTerrain(patches, answer.status, x, answer.nodes, num_tried, duration)
-        raise LimitReached(f"no such terrain among {spec.max_attempts}")
+        raise LimitReached(
+            f"{wanted} was not drawn in {spec.max_attempts} draws (problem.max_attempts)"
+        )
 
     def parameters(self, terrain: DecidedTerrain) -> Array:
         """Return vertices, normals and friction coefficients."""

@@ -208,7 +208,9 @@ def _plan_motion(
                 if scene.spec.solver.method == "nlp" or not scene.spec.posture.stance_workspace:
                     because = "toes may stand elsewhere than this method puts them"
                     raise Unresolved(
-                        f"posture planner: {message}", because=because, stage="posture"
+                        f"no postures found without collisions: {message}",
+                        because=because,
+                        stage="posture",
                     )
                 for limb in (overlap.limb, overlap.other_limb):
                     if limb >= 0:
@@ -239,7 +241,7 @@ def _plan_motion(
                 continue
             except _LinkCollision as collision:
                 if scene.spec.solver.method == "nlp":  # its own exact check is the same
-                    message = f"posture planner: {collision}"
+                    message = f"no postures found without collisions: {collision}"
                     raise collision.blocked or Unresolved(
                         message, because="method nlp is local", stage="posture"
                     ) from None
@@ -389,8 +391,8 @@ def _build_failure(scene: ClimbScene, notes: list[str], failure: _Failure | None
 def _build_time_failure(scene: ClimbScene, notes: list[str]) -> LimitReached:
     after = f" after {len(notes)} tightenings; last: {notes[-1]}" if notes else ""
     return LimitReached(
-        f"method {_select_method(scene)}: no time left for "
-        f"postures that pass the exact checks{after}",
+        f"no postures that pass the exact checks found within the time limit, by method "
+        f"{_select_method(scene)}{after}; a larger `solver.time_limit` may help",
         stage="posture",
     )
 

@@ -75,10 +75,11 @@ class NoTrialSucceeded(Unresolved):
     def __init__(
         self, failed_trials: Sequence[FailedTrial], remedies: Sequence[Remedy], time_ran_out: bool
     ) -> None:
-        from climbplan.climb.planner.remedies import format_remedies
+        from climbplan.climb.planner.remedies import add_verified_change, format_remedies
 
         first = failed_trials[0].error
-        lines = [first.message.partition("\n")[0]]
+        headline, _, details = first.message.partition("\n")[0].partition("; ")
+        lines = [add_verified_change(headline, remedies), *([details] if details else [])]
         # What a conflict names would mend what failed there; other postures may do with less
         shown_conflicts = [
             replace(conflict, tried=True) for conflict in first.conflicts[:_MAX_CONFLICTS]

@@ -64,6 +64,18 @@ def describe_as_planned(remedy: Remedy) -> Remedy:
     )
 
 
+def add_verified_change(headline: str, remedies: Sequence[Remedy]) -> str:
+    """Return the first sentence of a failure with the first change that led to a verified plan.
+
+    Args:
+        headline: What failed, on one line.
+        remedies: Changes with each of which a plan was found and verified, the nearest first.
+    """
+    if not remedies:
+        return headline
+    return f"{headline}; a plan was found with {remedies[0].option} ({remedies[0].words})"
+
+
 def format_remedies(remedies: Sequence[Remedy]) -> list[str]:
     """Return verified changes as lines of a message; an empty list if there are none."""
     if not remedies:

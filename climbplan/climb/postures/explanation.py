@@ -174,7 +174,7 @@ def explain_infeasible(scene: ClimbScene, program: Program, instance: Instance) 
         return NoPostures(headline, [])
     conflicts = list(describe_violations(scene, program, violations))
     if conflicts:
-        headline += "; the closest one found still has"
+        headline += "; violations of the closest one:"
     blocks = frozenset(
         _base_block_name(name) for _, name, _, _ in _collect_violations(program, violations)
     )

@@ -98,21 +98,24 @@ def plan_postures(
     solver = options.method if is_relaxation else options.posture_solver
     result = solve(instance, solver, options.gap, remaining, warm_start, nodes)
     if result.x is None and is_relaxation:
-        message = f"{options.method}: no plan, {result.log[-1]}"
-        reason = "alternatives are settled by rounding and not given up again"
+        message = f"no postures found by method {options.method}: {result.log[-1]}"
+        reason = "alternatives are chosen by rounding and not revised"
         raise Unresolved(message, because=reason, stage="posture")
     if result.status == "infeasible":
         if not explain:
             raise NoPostures("no posture sequence found under the given bounds", [])
         raise explain_infeasible(scene, program, instance)
     if result.x is None or result.assignment is None or result.objective is None:
-        limit = f"within {options.time_limit:g} s"
+        limit = f"within {options.time_limit:g} s (solver.time_limit)"
         if result.nodes >= nodes:
-            limit = f"in the {nodes:g} nodes that the search may take"
+            limit = f"within {nodes:g} nodes of the search"
         elif result.time < 0.9 * remaining:
-            limit = "in the memory that open nodes may take"
-        search_effort = f"{result.nodes} nodes searched"
-        raise LimitReached(f"posture planner: no plan {limit} ({search_effort})", stage="posture")
+            limit = "within the memory for open nodes"
+        raise LimitReached(
+            f"no postures found {limit}, after {result.nodes} nodes; a larger limit, fewer rounds "
+            "or fewer regions may help",
+            stage="posture",
+        )
     rounds = extract_rounds(scene, program, result)
     return PostureResult(
         rounds=rounds,

@@ -82,7 +82,7 @@ def _explain_reach(search: SequenceSearch) -> tuple[list[Conflict], list[Remedy]
     conflicts: list[Conflict] = []
     required_steps: dict[str, float] = {}
     if not tables.footholds.real[:, START].any():
-        text = "every toe stands where it has to in the end: no limb has to move"
+        text = "every toe is at its goal from the start: no limb has to move"
         return [Conflict("search", (text,), in_words=True)], []
     for limb, name in enumerate(names):
         reachable_start, reachable_goal = (
@@ -226,7 +226,7 @@ def _explain_torque(scene: TransitionScene, max_factor: float) -> tuple[list[str
     if not 0 < max_factor < required:
         return [], []
     text = (
-        f"motors would have S_tau {max_factor:.3g} at the friction there is, {required:g} is asked"
+        f"motors would have S_tau {max_factor:.3g} at the given friction, {required:g} is required"
     )
     if max_factor < 1:
         scale_text = f"{np.ceil(1e2 * required / max_factor) / 1e2:.2f} times the torque limits"

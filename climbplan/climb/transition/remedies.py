@@ -7,7 +7,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.planner.remedies import describe_as_planned, format_remedies
+from climbplan.climb.planner.remedies import (
+    add_verified_change,
+    describe_as_planned,
+    format_remedies,
+)
 from climbplan.climb.schema.transition import TransitionSpec
 from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.errors import NoPlanFound, Remedy, SpecError, Unresolved, UsageError
@@ -55,8 +59,10 @@ def find_remedies(
         except (NoPlanFound, SpecError, UsageError):  # or a change that the spec cannot have
             continue
         remedies.append(describe_as_planned(remedy))
+    headline, newline, details = error.message.partition("\n")
+    headline = add_verified_change(headline, remedies)
     return Unresolved(
-        "\n".join([error.message, *format_remedies(remedies)]),
+        "\n".join([headline + newline + details, *format_remedies(remedies)]),
         [replace(conflict, remedies=()) for conflict in error.conflicts],
         because=error.because if isinstance(error, Unresolved) else "a limit was reached",
         stage=error.stage,

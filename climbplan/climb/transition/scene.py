@@ -110,9 +110,9 @@ def _require_clearance(scene: TransitionScene, name: str, stance: ClimbStance) -
             f"(it has {1e3 * clearance:.0f})"
         )
         raise Unresolved(
-            f"the {name} has no room",
+            f"the body is too close to obstacles in the {name}",
             [Conflict(name, (clearance_text,))],
-            because="the clearance asked is posture.body_clearance",
+            because="the clearance required is posture.body_clearance",
             stage="scene",
             remedies=_suggest_clearance(min_clearance, clearance),
         )
@@ -125,11 +125,14 @@ def _require_clearance(scene: TransitionScene, name: str, stance: ClimbStance) -
             )
             conflict = Conflict(name, (clearance_text,))
             if float(solid.face_distance(stance.com)) < 0:
-                raise Infeasible(f"the {name} has no room", [conflict], stage="scene")
+                raise Infeasible(
+                    f"the body is too close to obstacles in the {name}", [conflict], stage="scene"
+                )
             raise Unresolved(
-                f"the {name} has no room",
+                f"the body is too close to obstacles in the {name}",
                 [conflict],
-                because="the room is measured by the solid's faces, at posture.body_clearance",
+                because="the distance is measured to faces of the solid and required by "
+                "posture.body_clearance",
                 stage="scene",
                 remedies=_suggest_clearance(min_clearance, clearance),
             )

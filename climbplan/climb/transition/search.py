@@ -155,11 +155,13 @@ class SequenceSearch:
         """Raise LimitReached after the time limit."""
         if self._is_timed_out():
             progress_text = (
-                f"{self.statistics.problems} force problems solved, round {number + 1} not finished"
+                f"{self.statistics.problems} force problems are solved and round {number + 1} is "
+                "not finished"
             )
             raise LimitReached(
-                f"time limit in the search over stance sets: {progress_text}; a sequence asked for "
-                "(`task.sequence`), fewer rounds or `search.between: boxes` make it smaller"
+                f"no contact sequence found within the time limit: {progress_text}; a larger "
+                "`solver.time_limit`, a given `task.sequence`, fewer rounds or "
+                "`search.between: boxes` may help"
             )
 
     # States and moves

@@ -107,7 +107,10 @@ def plan_in_windows(
     progress = _Progress(first_rounds, 0.0)
     while True:
         if time.monotonic() > deadline:
-            raise LimitReached(f"{_format_place(progress, path)}: no time left", stage="posture")
+            raise LimitReached(
+                f"{_format_place(progress, path)}: `solver.time_limit` ended the search",
+                stage="posture",
+            )
         try:
             planned = _plan_next_window(scene, path, window, progress, clock, deadline)
         except NoPlanFound as failure:

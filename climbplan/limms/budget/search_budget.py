@@ -98,7 +98,7 @@ class SearchBudget:
     def describe_limit(self) -> str:
         """Return in words which limit ended the search."""
         if self.remaining <= 0:
-            return f"with {self.max_programs} programs and courses of events"
+            return f"with {self.max_programs} nonlinear programs and task plans tried"
         return f"within {self.time_limit:g} s"
 
     def iterate_choices(self, choices: Iterable[T], label: str) -> Iterator[T]:
@@ -134,7 +134,7 @@ class SearchBudget:
         """Return in words what was tried."""
         failures = "; ".join(note for note in dict.fromkeys(self.notes) if note)
         programs = f" ({self.work.programs} programs, {self.work.seconds:.1f} s)"
-        summary = f"Tried: {failures}" if failures else "Nothing was tried to its end"
+        summary = f"Tried: {failures}" if failures else "No attempt was completed"
         return summary + (programs if self.work.programs else "")
 
     def record(self, outcome: ProgramAnswer, label: str) -> None:

@@ -171,7 +171,7 @@ def _plan_at_pace(
     if not num_tried:
         raise build_failure(scene, candidates.conflicts)
     raise LimitReached(
-        f"none of {num_tried} sequences of modes led to a plan, and none was proved "
+        f"no plan found: {num_tried} sequences of modes were tried, and none was proved "
         f"impossible. {budget.describe_failures()}",
         stage="motion",
     )

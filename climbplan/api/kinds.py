@@ -83,7 +83,7 @@ class PlanKind:
         """Read the scene that `view` shows; raises UsageError for files without geometry."""
         if not self.is_in_space:
             raise UsageError(
-                f"{path}: a dataset; `report` draws its statistics, `view` shows plans"
+                f"{path}: expected a plan, got a dataset; `climbplan report` shows its statistics"
             )
         scene: ViewerScene = self._module("pages.scene").read_scene(path)
         return scene

@@ -72,7 +72,7 @@ def _read_source(source: SpecSource) -> SourceText:
     if isinstance(source, Mapping):
         return SourceText("mapping", NAME, Path.cwd(), write_yaml(_to_yaml_types(dict(source))))
     raise UsageError(
-        f"a spec is a path, a YAML text, a mapping or a spec model, got {type(source).__name__}"
+        f"expected a path, a YAML text, a mapping or a spec model, got {type(source).__name__}"
     )
 
 

@@ -111,7 +111,7 @@ def _shelf(loaded: LoadedShelf) -> ProblemAndParameters:
 
     scenes = load_scenes(loaded)
     if len(scenes) != 1:
-        raise UsageError(f"a problem is stated by one scene, {loaded.source} has {len(scenes)}")
+        raise UsageError(f"{loaded.source}: expected one scene, got {len(scenes)}")
     shelf = build_shelf(loaded.spec.shelf)
     return build_shelf_problem(scenes.count, shelf, loaded.spec.formulation), build_theta(scenes[0])
 

@@ -69,7 +69,7 @@ class Checker:
         self.root = tighten_box(self.rows, CertificateBox(lower, upper), sweeps=100)
         factors = np.append(self.rows.first, self.rows.second)
         if not self.root.empty and np.isinf(self.root.upper - self.root.lower)[factors].any():
-            raise UsageError(f"{instance.name}: nothing bounds a factor of a product")
+            raise UsageError(f"{instance.name}: expected bounds of every factor of a product")
         self._curvature = compute_convexity_shift(instance.P)
 
     def evaluate_leaf(

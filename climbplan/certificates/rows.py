@@ -41,7 +41,7 @@ class CertificateRows:
 def build_stated_rows(instance: Instance) -> CertificateRows:
     """Build the rows of an instance; raise UsageError for smooth rows."""
     if instance.smooth is not None:
-        raise UsageError(f"{instance.name}: no certificate holds smooth rows")
+        raise UsageError(f"{instance.name}: expected a program without smooth rows")
     n, K = instance.size, instance.products.count
     R = sum(len(choice.alternatives) for choice in instance.choices)
     blocks = []

@@ -176,7 +176,9 @@ class OutputDirectory:
 
     def _cannot_write(self, error: OSError) -> UsageError:
         if error.errno in (errno.EEXIST, errno.ENOTEMPTY):
-            return UsageError(f"{self.target}: appeared meanwhile, written by another run")
+            return UsageError(
+                f"{self.target}: another run has written it meanwhile; name another with --out"
+            )
         return UsageError(f"{self.target}: cannot be written: {error.strerror or error}")
 
 

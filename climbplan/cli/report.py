@@ -91,7 +91,7 @@ def report(
         raise UsageError(f"{film}: already exists; --force replaces it")
     if as_json:
         if film is not None:
-            raise UsageError("--film: nothing is written with --json")
+            raise UsageError("--film: expected no --json with it, which writes no files")
         print_json({**kind.build_report(path), "plan": str(path)})
         return
     target = out if out is not None else path.parent

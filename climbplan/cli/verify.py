@@ -54,7 +54,7 @@ def verify(
     """
     path = find_plan(plan)
     if assignments and spec is None:
-        raise UsageError("--set changes the spec that --spec names, and there is none")
+        raise UsageError("--set: expected --spec SPEC with it, whose keys it changes")
     if worlds:
         from climbplan.api.recounting import recount_worlds, require_climb
 

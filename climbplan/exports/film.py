@@ -50,7 +50,7 @@ def write_film(
     """
     kind = _select_kind(path)
     if len(scene.time) < 2 or not scene.time[-1] > scene.time[0]:
-        raise UsageError(f"{scene.title}: nothing in it moves, so there is no film of it")
+        raise UsageError(f"{scene.title}: expected a plan with a motion, nothing in it moves")
     times = schedule_frames(scene.time[[0, -1]], scene.time[scene.marks], kind.rate)
     still_path = path.with_suffix(".png")
     middle = len(times) // 2
@@ -103,9 +103,9 @@ def _select_kind(path: Path) -> _Kind:
         ".mp4": _Kind(25.0, _write_mp4),
     }
     if path.suffix.lower() not in kinds:
-        raise UsageError(f"{path}: a film is a .gif, .webp or .mp4")
+        raise UsageError(f"{path}: expected a name that ends in .gif, .webp or .mp4")
     if path.is_dir() or not path.absolute().parent.is_dir():
-        raise UsageError(f"{path}: no file can be written there")
+        raise UsageError(f"{path}: expected a file in a directory that exists")
     if path.suffix.lower() == ".mp4":
         _load_encoder()
     return kinds[path.suffix.lower()]

@@ -244,7 +244,9 @@ def convert_to_rigid_links(
     the same forces. Raises UsageError where nothing is known of motors.
     """
     if joints.limits is None:
-        raise UsageError("--gains rigid: nothing is known of the robot's motors")
+        raise UsageError(
+            "--gains rigid: the plan has no data of the robot's motors; expected a number or a file"
+        )
     angle = joints.angle if joints.link_angle is None else joints.link_angle
     rigid_joints = replace(joints, angle=angle, link_angle=angle)
     return convert_to_gains(rigid_joints, joints.limits.rigid_gain, feedforward, time)

@@ -72,7 +72,7 @@ def _build_times(motion: RobotMotion, rate: float) -> Array:
     begin, end = float(motion.time[0]), float(motion.time[-1])
     count = int(np.floor((end - begin) * rate * (1 + 1e-12))) + 1
     if count > _MOST_SAMPLES:
-        raise UsageError(f"--rate {rate:g}: {count} samples, at most {_MOST_SAMPLES}")
+        raise UsageError(f"--rate {rate:g}: {count} samples, expected at most {_MOST_SAMPLES}")
     time = begin + np.arange(count) / rate
     if end - time[-1] > 1e-9:
         time = np.append(time, end)  # the plan's last sample ends it
@@ -174,7 +174,9 @@ def add_load_ramps(motion: RobotMotion, seconds: float) -> RobotMotion:
         )
     joints = motion.joints
     if joints is None or joints.limits is None or motion.sampler is not None:
-        raise UsageError(f"--ramp: climbs begin and end pressed, {motion.name} does not")
+        raise UsageError(
+            f"--ramp: expected a climb, which begins and ends under load; {motion.name} is none"
+        )
     span = float(motion.time[-1] - motion.time[0])
     count = int(np.ceil(seconds * (len(motion.time) - 1) / span)) if span > 0 else 1
     count = min(max(count, 2), _MOST_SAMPLES)

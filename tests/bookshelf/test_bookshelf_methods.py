@@ -172,7 +172,7 @@ def test_published_meaning_is_cheaper_than_contact(
 def test_what_does_not_go_together(scenes: Scenes, library: Path) -> None:
     with pytest.raises(UsageError, match=r"solver\.library"):
         solved(scenes, [0], {"method": "pinned"})
-    with pytest.raises(UsageError, match="none of convex programs"):
+    with pytest.raises(UsageError, match="unknown convex solver"):
         solved(
             scenes,
             [0],

@@ -49,10 +49,10 @@ def test_export_writes_the_set_and_its_path(run_command: RunCommand, workplace: 
 @pytest.mark.parametrize(
     ("options", "word"),
     [
-        (("--instances", "set", "--rate", "100"), "--instances DIR: no plan"),
-        (("plan.h5", "--instances", "set"), "--instances DIR: no plan"),
+        (("--instances", "set", "--rate", "100"), "--instances DIR: expected no PLAN"),
+        (("plan.h5", "--instances", "set"), "--instances DIR: expected no PLAN"),
         (("plan.h5", "--count", "2"), "--seed and --count go with --instances"),
-        (("--seed", "2"), "a PLAN is missing"),
+        (("--seed", "2"), "expected a PLAN"),
         (("--instances", "set", "--count", "0"), "--count"),
     ],
 )

@@ -149,7 +149,7 @@ def test_two_runs_at_once(tmp_path: Path) -> None:
             pass
         target.mkdir()
         write(target, "second")  # published by another process meanwhile
-        with pytest.raises(UsageError, match="appeared meanwhile"):
+        with pytest.raises(UsageError, match="written it meanwhile"):
             first.publish()
     assert content_of(target) == "second"
     assert names(tmp_path) == ["climb"]

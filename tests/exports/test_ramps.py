@@ -62,7 +62,7 @@ def test_ramps_that_cannot_be(plans: dict[str, Path]) -> None:
     with pytest.raises(UsageError, match="--ramp 100: expected"):
         adapt_motion(climb_motion(plans["climb"]), ControllerOptions(ramp=100.0))
     for motion in (walk_motion(plans["walk"]), limms_motion(plans["modules"])):
-        with pytest.raises(UsageError, match="climbs begin and end pressed"):
+        with pytest.raises(UsageError, match="begins and ends under load"):
             adapt_motion(motion, ControllerOptions(ramp=1.0))
 
 

@@ -201,7 +201,7 @@ def test_rolls_begin_at_the_turn_that_keeps_them_in_range() -> None:
         ({"boxes__1__start": [-0.3, 0, 0.35]}, "overlaps the box at boxes.0.start"),
         ({"boxes__0__goal": [0.35, 0, 0.5]}, "does not stand on the ground"),
         ({"solver": {"method": "admm"}}, "`admm` delivers one box"),
-        ({"task": {"allow": ["quadruped"]}}, "several boxes are brought by `arms`"),
+        ({"task": {"allow": ["quadruped"]}}, "several boxes are delivered by `arms`"),
     ],
 )
 def test_mistakes_in_several_boxes_are_told(

@@ -344,7 +344,7 @@ def test_what_cannot_be_turned_is_refused(tmp_path: Path) -> None:
 def test_a_box_may_be_turned_where_it_stands(tmp_path: Path) -> None:
     spec = load_limms(changed(tmp_path, "limms_turned", box__goal=[0.6, -0.1, 0.08]))
     assert not spec.spec.box.stays  # type: ignore[union-attr]
-    with pytest.raises(SpecError, match="nothing to plan"):
+    with pytest.raises(SpecError, match="another place than the start"):
         load_limms(
             changed(tmp_path, "limms_turned", box__goal=[0.6, -0.1, 0.08], box__goal_yaw_deg=0)
         )

@@ -40,7 +40,7 @@ modules:
         ),
         ("B, anchor: wall", "B, position: [0.5, 0.55, 0]", "is in module 'A'"),
         ("position: [0.9, 1, 1]", "position: [0, 0, 1]", "anchor 'wall' is at the same place"),
-        ("goal: [1, 0, 1]", "goal: [1.5, 0, 0.1]", "nothing to plan"),
+        ("goal: [1, 0, 1]", "goal: [1.5, 0, 0.1]", "another place than the start"),
         ("start: [1.5, 0, 0.1]", "start: [1.5, 0, 0.1001]", "does not stand on the ground"),
         ("size: [0.2, 0.2, 0.2], mass", "size: [0.2, 5, 0.2], mass", "out of the free space"),
         ("mass: 0.3", "mass: .nan", "mass"),

@@ -47,7 +47,7 @@ def test_good_one(tmp_path: Path) -> None:
         ("position: [0, 0, 1]", "position: [1, 0, 1]", 6, "not on a face"),
         ("goal: [1, 0, 1]", "goal: [0.05, 0, 1]", 7, "50 mm out of the free space"),
         ("goal: [1, 0, 1]", "goal: [4, 0, 1]", 7, "the box at its goal is outside the space"),
-        ("goal: [1, 0, 1]", "goal: [1, 0.5, 0.1]", 7, "inside parked box 0"),
+        ("goal: [1, 0, 1]", "goal: [1, 0.5, 0.1]", 7, "inside static box 0"),
         ("start: [1, 0, 0.1]", "start: [1, 0, 0.4]", 7, "does not stand on the ground"),
         (
             "position: [0.5, 0.5, 0]",
@@ -56,7 +56,12 @@ def test_good_one(tmp_path: Path) -> None:
             "does not stand on the ground",
         ),
         ("position: [0.5, 0.5, 0]", "anchor: roof", 11, "expected an anchor of the terrain (wall)"),
-        ("position: [0.5, 0.5, 0]", "position: [0.5, 0.5, 0], anchor: wall", 11, "either `stand`"),
+        (
+            "position: [0.5, 0.5, 0]",
+            "position: [0.5, 0.5, 0], anchor: wall",
+            11,
+            "either `position`",
+        ),
         ("normal: [1, 0, 0]", "normal: [1, 1, 0]", 6, "unit vector along an axis"),
         ("upper: [2, 1, 2]", "upper: [2, 1, 0]", 4, "expected more than lower"),
         ("kind: limms", "kind: limms\nrobot: lims", 2, "did you mean 'limms'"),

@@ -127,7 +127,7 @@ def test_envelopes_that_take_long_to_make_end_with_the_time() -> None:
     program.minimise("sum", x.sum())
     problem = Problem("product", program)
     grid = McCormick.on({0: [[0.0, 0.5], [0.5, 1.0]]})
-    with pytest.raises(LimitReached, match="before the envelopes were made"):
+    with pytest.raises(LimitReached, match="before the envelopes were built"):
         grid.form(problem.instance({}), lambda: True)
     settings = MethodSettings(time_limit=0.0, envelopes=EnvelopeOptions(grid=grid))
     late = solve_instance(problem, {}, "mccormick", settings)

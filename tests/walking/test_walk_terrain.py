@@ -308,11 +308,11 @@ def test_facts_of_rough_ground_are_kept() -> None:
         ),
         (
             {"regions": [{"name": "a", "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0.1], [0, 1, 0]]}]},
-            "off one plane",
+            "corners in one plane",
         ),
         (
             {"regions": [{"name": "a", "x": [0, 1], "corners": [[0, 0, 0], [1, 0, 0], [1, 1, 0]]}]},
-            "leave one out",
+            "either `corners` or",
         ),
         ({"regions": [{"name": "a", "x": [0, 1], "y": [0, 1], "slope": [2, 0]}]}, "rise of 1"),
         ({"regions": BANKS, "stones": {**STONES, "x": [0.1, 0.5]}}, "overlap region 'near'"),

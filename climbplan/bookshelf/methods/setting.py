@@ -38,4 +38,4 @@ def select_convex_solver(name: str | None) -> ConvexBackend:
         return "clarabel"
     if name == "osqp":
         return "osqp"
-    raise UsageError(f"solver {name!r} is none of convex programs: daqp, clarabel, osqp")
+    raise UsageError(f"unknown convex solver {name!r}: expected daqp, clarabel or osqp")

@@ -35,7 +35,9 @@ def load_trained_method(
     path = setting.directory / solver.model.file
     model = read_model(path).model
     if model.kind != solver.method:
-        raise UsageError(f"{path}: a model of kind {model.kind!r}, method is {solver.method!r}")
+        raise UsageError(
+            f"{path}: expected a model for method {solver.method!r}, got one of kind {model.kind!r}"
+        )
     require_context(model.context, setting.shelf, setting.meaning, count, str(path))
     try:
         model.library.require(

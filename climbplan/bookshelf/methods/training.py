@@ -51,7 +51,7 @@ def collect_shelf_data(loaded: LoadedStrategy, report: Progress | None = None) -
         )
         scenes += solved_scenes
     if first is None:
-        raise UsageError("no file of solved scenes")
+        raise UsageError("expected at least one file of solved scenes, got none")
     shelf, meaning, count = first
     scenes = scenes[: spec.size]
     program = build_bookshelf_program(count, shelf, meaning)

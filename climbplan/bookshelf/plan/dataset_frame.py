@@ -126,16 +126,21 @@ def _read_facts(frame: DatasetFrame) -> tuple[int, Shelf, str]:
     facts = frame.facts
     count, meaning, numbers = facts.get("books"), facts.get("meaning"), facts.get("shelf")
     if type(count) is not int or not 1 <= count <= 1000 or meaning not in _MEANINGS:
-        raise PlanFileError(f"facts: {count!r} books with meaning {meaning!r}")
+        raise PlanFileError(
+            f"attribute facts: expected a number of books and a formulation, got {count!r} books "
+            f"and {meaning!r}"
+        )
     published = numbers.get("published") if isinstance(numbers, dict) else None
     if not isinstance(numbers, dict) or not isinstance(published, dict):
-        raise PlanFileError("facts: no numbers of the shelf")
+        raise PlanFileError("attribute facts: expected the numbers of the shelf, got none")
     shelf_names = {field.name for field in fields(Shelf)} - {"published"}
     published_names = {field.name for field in fields(PublishedTolerances)}
     values = {**{k: v for k, v in numbers.items() if k != "published"}, **published}
     expected_names = shelf_names | published_names
     if set(values) != expected_names or not all(type(v) in (int, float) for v in values.values()):
-        raise PlanFileError(f"facts: the shelf has numbers {', '.join(sorted(expected_names))}")
+        raise PlanFileError(
+            f"attribute facts: expected numbers {', '.join(sorted(expected_names))} of the shelf"
+        )
     try:
         shelf = Shelf(
             **{name: float(numbers[name]) for name in shelf_names},

@@ -90,7 +90,9 @@ def extend_envelope(scene: ClimbScene, stored: StoredEnvelopes, envelope: Envelo
             continue
         opposite_limb = robot.limb_names[opposite(robot, limb)]
         if opposite_limb not in stored.limb_names:
-            raise UsageError(f"envelopes of {', '.join(stored.limb_names)} tell nothing of {name}")
+            raise UsageError(
+                f"envelopes of {', '.join(stored.limb_names)} do not include limb {name}"
+            )
         k = stored.limb_names.index(opposite_limb)
         mirrored = np.array([-1.0, 1.0, 1.0, -1.0, 1.0, 1.0])  # mirrored at x = 0
         ends = np.stack([lower[k] * mirrored, upper[k] * mirrored])

@@ -41,7 +41,9 @@ class LimbPatches:
         """Return the patches of a dataset's row; raises UsageError for a length that fits none."""
         n, remainder = divmod(len(row), 3 * CORNERS + 4)
         if remainder or not n:
-            raise UsageError(f"{len(row)} numbers are no row of patches")
+            raise UsageError(
+                f"expected {3 * CORNERS + 4} numbers for each limb of a row, got {len(row)}"
+            )
         corners = 3 * CORNERS * n
         return cls(
             np.reshape(row[:corners], (n, CORNERS, 3)),

@@ -49,10 +49,12 @@ def plan_forces(scene: MotionScene, instants: Instants, solver: str | None = Non
     if scene.grippers is not None:
         if scene.spec.force.min_normal_force > 0:
             raise UsageError(
-                "force.min_normal_force: grippers pull; it is for toes that only press"
+                "force.min_normal_force: expected none for a robot with grippers, which may pull"
             )
         if scene.spec.force.min_penetration is not None:
-            raise UsageError("force.min_penetration: grippers hold; it is for toes that only press")
+            raise UsageError(
+                "force.min_penetration: expected none for a robot with grippers, which hold on"
+            )
         from climbplan.climb.forces.grips.planner import plan_grip_forces
 
         return plan_grip_forces(scene, instants, scene.grippers, solver)

@@ -255,7 +255,7 @@ def _read_promise(reader: Reader) -> Promise | None:
     try:
         return parse_promise(stored_values)
     except (TypeError, ValueError, OverflowError) as error:
-        raise reader.refuse(f"attribute risk is no promise: {error}") from error
+        raise reader.refuse(f"attribute risk is damaged: {error}") from error
 
 
 def _read_sample(reader: Reader) -> WorldSample | None:
@@ -265,7 +265,7 @@ def _read_sample(reader: Reader) -> WorldSample | None:
     try:
         return parse_sample(values)
     except (TypeError, ValueError, OverflowError) as error:
-        raise reader.refuse(f"attribute worlds is no sample of worlds: {error}") from error
+        raise reader.refuse(f"attribute worlds is damaged: {error}") from error
 
 
 def _read_study(reader: Reader) -> Study:

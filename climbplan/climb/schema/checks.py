@@ -145,19 +145,19 @@ def _check_method(climb_parts: ValidClimbParts) -> list[Finding]:
     if climb_parts.solver.method not in CONVEX_METHODS:
         message = _explain_micp_only(climb_parts.robot)
         return [Finding(("solver", "method"), message)] if message else []
-    suggestion = f"which `{climb_parts.solver.method}` cannot state"
+    suggestion = f"method `{climb_parts.solver.method}` cannot state"
     if not _is_micp_only(climb_parts.robot):
         suggestion += "; use `--method nlp`"
     findings = []
     if climb_parts.terrain is not None and climb_parts.terrain.tube is not None:
-        findings.append(Finding(("terrain", "tube"), f"a curved surface, {suggestion}"))
+        findings.append(Finding(("terrain", "tube"), f"a curved surface, which {suggestion}"))
     if climb_parts.posture is not None:
         for name, min_step in (
             ("com_min", climb_parts.posture.steps.com_min),
             ("toe_min", climb_parts.posture.steps.toe_min),
         ):
             if min_step > 0:
-                message = f"a least step size (here {min_step:g} m) is not convex, {suggestion}"
+                message = f"a smallest step of {min_step:g} m is not convex, and {suggestion} it"
                 findings.append(Finding(("posture", "steps", name), message))
     return findings
 
@@ -191,7 +191,7 @@ def _check_micp_only(climb_parts: ValidClimbParts) -> list[Finding]:
     if climb_parts.posture is not None:
         steps = climb_parts.posture.steps
         findings += [
-            Finding(("posture", "steps", name), f"{reason} no least step size")
+            Finding(("posture", "steps", name), f"{reason} no smallest step")
             for name, min_step in (("com_min", steps.com_min), ("toe_min", steps.toe_min))
             if min_step > 0
         ]
@@ -204,13 +204,18 @@ def _check_grippers(climb_parts: ValidClimbParts) -> list[Finding]:
         return []
     name, findings = climb_parts.robot.name, []
     if climb_parts.task is not None and not isinstance(climb_parts.task, TaskSpec):
-        findings.append(Finding(("robot",), f"{name} has grippers, which no transition plans with"))
+        findings.append(
+            Finding(
+                ("robot",),
+                f"{name} has grippers: expected a robot without grippers for a transition",
+            )
+        )
     if climb_parts.solver is not None and climb_parts.solver.force_solver == "osqp":
         message = f"{name} has grippers, whose forces only `daqp` and `clarabel` plan"
-        findings.append(Finding(("solver", "force"), message))
+        findings.append(Finding(("solver", "force_solver"), message))
     if climb_parts.terrain is not None and climb_parts.terrain.tube is not None:
         findings.append(
-            Finding(("terrain", "tube"), f"{name} has grippers, for flat surfaces only")
+            Finding(("terrain", "tube"), f"{name} has grippers: expected flat surfaces")
         )
     return findings
 

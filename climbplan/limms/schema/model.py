@@ -273,7 +273,9 @@ def _find_delivery_faults(spec: LimmsSpec) -> list[Fault]:
     if spec.solver.method == "admm":
         faults.append(Fault("solver.method", "`admm` delivers one box, expected `mode-search`"))
     if "arms" not in spec.task.allow:
-        faults.append(Fault("task.allow", "several boxes are brought by `arms`"))
+        faults.append(
+            Fault("task.allow", "several boxes are delivered by `arms`: expected it here")
+        )
     return faults
 
 
@@ -341,7 +343,12 @@ def _find_module_faults(spec: LimmsSpec) -> list[Fault]:
         shortage = f"a quadruped needs 4 modules, got {len(spec.modules)}"
         faults.append(Fault("modules", shortage))
     if set(spec.task.allow) == {"flight"}:
-        faults.append(Fault("task.allow", "a flight needs `arms` or `quadruped` before it"))
+        faults.append(
+            Fault(
+                "task.allow",
+                "expected `arms` or `quadruped` next to `flight`, which begins from them",
+            )
+        )
     return faults
 
 
@@ -363,7 +370,7 @@ def _find_place_faults(spec: LimmsSpec) -> list[Fault]:
         ends.append((f"{key}.goal", box.at_goal))
     for i, parked in enumerate(spec.static_boxes):
         key, place = f"static_boxes.{i}.position", PlacedBox(parked.position, parked.size)
-        faults += find_block_faults(key, f"parked box {i}", place, space)
+        faults += find_block_faults(key, f"static box {i}", place, space)
         standing.append((key, place))
     for i, (key, place) in enumerate(standing):
         for other_key, other_place in standing[:i]:
@@ -372,14 +379,14 @@ def _find_place_faults(spec: LimmsSpec) -> list[Fault]:
     for i, (key, place) in enumerate(ends):
         for number, parked in enumerate(spec.static_boxes):
             if overlaps(place, PlacedBox(parked.position, parked.size)):
-                faults.append(Fault(key, f"inside parked box {number}"))
+                faults.append(Fault(key, f"inside static box {number}"))
         for other_key, other_place in ends[:i]:
             if overlaps(place, other_place):
                 faults.append(Fault(key, f"overlaps the box at {other_key}"))
     if spec.box is not None and spec.box.stays:
-        faults.append(Fault("box.goal", "is where the box stands at the start: nothing to plan"))
+        faults.append(Fault("box.goal", "expected another place than the start of the box"))
     if spec.boxes and all(box.stays for box in spec.boxes):
-        faults.append(Fault("boxes", "all stand at their goals at the start: nothing to plan"))
+        faults.append(Fault("boxes", "expected a box whose goal is not its start"))
     for i, anchor in enumerate(spec.terrain.anchors):
         key = f"terrain.anchors.{i}.position"
         same = [a.name for a in spec.terrain.anchors[:i] if a.position == anchor.position]

@@ -176,7 +176,9 @@ def _check_request(plan: LimmsPlan, asked: SimulationRequest) -> None:
         ("--speed", conditions.speed != base.speed),
     ):
         if is_set:
-            raise UsageError(f"{flag}: plans of modules are simulated as they are, once")
+            raise UsageError(
+                f"{flag}: expected no such option: plans of modules are simulated once, as they are"
+            )
     for name in ("friction", "payload", "gain"):
         if not np.isfinite(vars(conditions)[name]):
             raise UsageError(f"--{name} {vars(conditions)[name]}: expected a finite number")

@@ -111,9 +111,14 @@ class WalksProblemSpec(SpecModel):
             )
             faults.append(Fault("terrain.regions", message))
         if 2 * (self.terrain.edge or 0.0) >= self.randomisation.tread[0]:
-            faults.append(Fault("terrain.edge", "leaves nothing of the shortest tread"))
+            faults.append(Fault("terrain.edge", "expected less than half of the shortest tread"))
         if self.task.knots < 5:
-            faults.append(Fault("task.knots", f"sections need 5 knots, got {self.task.knots}"))
+            faults.append(
+                Fault(
+                    "task.knots",
+                    f"expected at least 5 knots, which a section has, got {self.task.knots}",
+                )
+            )
         refuse(faults)
         return self
 

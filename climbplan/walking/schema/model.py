@@ -44,7 +44,12 @@ class MpcSpec(SpecModel):
         if self.solver.method == "online":
             faults += self._online_ground()
             if self.task.goal is not None:
-                faults.append(Fault("task.goal", "`online` walks on at the reference's velocity"))
+                faults.append(
+                    Fault(
+                        "task.goal",
+                        "expected none with `online`, which follows the reference velocity",
+                    )
+                )
             if self.task.integrator != "mean":
                 message = "`online` runs in continuous time, which needs `integrator: mean`"
                 faults.append(Fault("task.integrator", message))

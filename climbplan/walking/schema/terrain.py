@@ -61,7 +61,10 @@ class LevelRegionSpec(SpecModel):
     def _corner_faults(self) -> list[Fault]:
         both = [key for key in ("x", "y", "height", "slope") if key in self.model_fields_set]
         if both:
-            return [Fault(key, "says what `corners` say: leave one out") for key in both]
+            return [
+                Fault(key, "expected either `corners` or `x`, `y`, `height` and `slope`")
+                for key in both
+            ]
         if not 3 <= len(self.corners) <= _MOST_CORNERS:
             message = f"expected 3 to {_MOST_CORNERS} corners, got {len(self.corners)}"
             return [Fault("corners", message)]
@@ -70,11 +73,15 @@ class LevelRegionSpec(SpecModel):
             return [Fault("corners", "expected a convex polygon as seen from above, in turn")]
         rise = fit_slope(self.corners)
         if max(map(abs, rise)) > _STEEPEST:
-            return [Fault("corners", f"rises by more than {_STEEPEST:g} for each metre")]
+            return [Fault("corners", f"expected a slope of at most {_STEEPEST:g}")]
         x, y, z = self.corners[0]
         off = [abs(z + rise[0] * (c[0] - x) + rise[1] * (c[1] - y) - c[2]) for c in self.corners]
         if max(off) > _PLANE:
-            return [Fault("corners", f"are off one plane by {1e3 * max(off):.1f} mm")]
+            return [
+                Fault(
+                    "corners", f"expected corners in one plane, got {1e3 * max(off):.1f} mm off it"
+                )
+            ]
         return []
 
     def corners_about(self, k: int) -> tuple[Vector, Vector, Vector]:
@@ -147,12 +154,19 @@ class WalkTerrainSpec(SpecModel):
     @model_validator(mode="after")
     def _apart(self) -> Self:
         faults = [
-            Fault(f"regions.{k}", f"has no room within {self.edge:g} m of its edges")
+            Fault(
+                f"regions.{k}",
+                f"expected a region wider than twice `terrain.edge`, {self.edge:g} m",
+            )
             for k, region in enumerate(self.regions)
             if self.edge and not _has_interior(region.outline, self.edge)
         ]
         if self.stones is not None and self.stones.size <= 2 * (self.edge or 0.0):
-            faults.append(Fault("edge", f"leaves nothing of stones of {self.stones.size:g} m"))
+            faults.append(
+                Fault(
+                    "edge", f"expected less than half of the size of stones, {self.stones.size:g} m"
+                )
+            )
         for i, region in enumerate(self.regions):
             for earlier in self.regions[:i]:
                 if region.name == earlier.name:

@@ -109,7 +109,7 @@ def test_rows_of_patches_round_trip(robot: Robot) -> None:
     np.testing.assert_array_equal(again.vertices, patches.vertices)
     np.testing.assert_array_equal(again.normal, patches.normal)
     np.testing.assert_array_equal(again.friction, patches.friction)
-    with pytest.raises(UsageError, match="no row of patches"):
+    with pytest.raises(UsageError, match="numbers for each limb of a row"):
         LimbPatches.from_vector(np.zeros(17))
 
 

@@ -72,7 +72,7 @@ def test_a_sample_is_stored_and_read(planned: Planned, tmp_path: Path) -> None:
     assert read_climb(path).sample == kept.sample
     with h5py.File(path, "r+") as file:
         file.attrs["worlds"] = json.dumps({**sample(2).as_dict(), "falls": 101})
-    with pytest.raises(PlanFileError, match="attribute worlds is no sample"):
+    with pytest.raises(PlanFileError, match="attribute worlds is damaged"):
         read_climb(path)
 
 

@@ -62,7 +62,7 @@ def require_chain(robot: Robot) -> SerialChain:
     """Return the serial chains of a robot; raise UsageError if it has none."""
     chain = robot.mechanism
     if not isinstance(chain, SerialChain):
-        raise UsageError(f"simulate does not know the limbs of {robot.name}")
+        raise UsageError(f"`simulate` cannot build the limbs of {robot.name}")
     return chain
 
 

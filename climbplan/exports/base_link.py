@@ -31,7 +31,12 @@ class BaseLink:
     rotation: Array  # (3, 3) root link to body
 
     def motion(self, position: Array, rotation: Array) -> BodyMotion:
-        """Return the link's motion for a body at `position` (T, 3) with `rotation` (T, 3, 3)."""
+        """Return the link's motion for a body that moves.
+
+        Args:
+            position: (T, 3) origin of the body [m], world frame.
+            rotation: (T, 3, 3) body to world.
+        """
         quaternion = Rotation.from_matrix(rotation @ self.rotation).as_quat()
         return BodyMotion(
             self.name, position + rotation @ self.position, unwrap_quaternions(quaternion)

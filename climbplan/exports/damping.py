@@ -18,7 +18,15 @@ _MOST_RATE = 2000.0  # [Hz]
 
 
 def critical_damping(inertia: Array, gain: Array) -> Array:
-    """Return D gains [N m s/rad] of critical damping for P gains [N m/rad]."""
+    """Return D gains of critical damping for P gains.
+
+    Args:
+        inertia: (J,) inertia that each joint moves [kg m^2].
+        gain: (J,) P gains [N m/rad]; negative ones count as zero.
+
+    Returns:
+        (J,) D gains [N m s/rad].
+    """
     return np.asarray(2.0 * np.sqrt(inertia * np.maximum(gain, 0.0)))
 
 

@@ -42,11 +42,20 @@ def write_film(
     headline: str = "",
     progress: Callable[[float], None] = lambda part: None,
 ) -> Path:
-    """Write a film of 1280 x 720 (.gif, .webp or .mp4) and, as .png beside it, a still; its path.
+    """Write a film of 1280 x 720, and a still of its middle as .png next to it.
 
-    headline: what stands above beside the scene's title. progress: called with the share that is
-    done. Raises UsageError for other names and scenes in which nothing moves, MissingSolver without
-    MuJoCo, a graphics backend or, for MP4, its encoder.
+    Args:
+        scene: Scene of a plan, as the viewer shows it.
+        path: File that ends in .gif, .webp or .mp4.
+        headline: Text above, next to the scene's title.
+        progress: Called with the fraction that is done.
+
+    Returns:
+        The path of the still.
+
+    Raises:
+        UsageError: The name ends otherwise, or nothing in the scene moves.
+        MissingSolver: MuJoCo, a graphics backend or, for MP4, its encoder is missing.
     """
     kind = _select_kind(path)
     if len(scene.time) < 2 or not scene.time[-1] > scene.time[0]:

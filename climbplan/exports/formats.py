@@ -51,8 +51,13 @@ class ControllerOptions:
 def adapt_motion(motion: RobotMotion, options: ControllerOptions) -> RobotMotion:
     """Return the motion resampled and with commands for the given gains.
 
-    Raises UsageError for impossible rates, gains and ramps, and for gains of a motion without
-    torques.
+    Args:
+        motion: The motion of a plan.
+        options: Rate, gains, feedforward, gravity and ramp; None leaves the plan's own.
+
+    Raises:
+        UsageError: Rates, gains or ramps are impossible, or gains are given for a motion without
+            torques.
     """
     if motion.sampler is not None and options.rate is not None:
         motion = resample_at_rate(motion, options.rate)
@@ -97,7 +102,12 @@ def _apply_gains(
 def apply_trajectory_controller_defaults(
     motion: RobotMotion, options: ControllerOptions
 ) -> ControllerOptions:
-    """Return the defaults of a trajectory controller: load ramps, and the weight of links."""
+    """Return options with the defaults of a trajectory controller: load ramps, weight of links.
+
+    Args:
+        motion: The motion of a plan; without torques the options stay as they are.
+        options: Options as they were given.
+    """
     joints = motion.joints
     if joints is None or joints.limits is None:
         return options

@@ -17,11 +17,16 @@ _MOST_BYTES = 1_000_000
 
 
 def read_gains(argument: str, names: tuple[str, ...], slides: tuple[bool, ...] = ()) -> Array:
-    """Return (J,) [N m/rad] of one number, or of a YAML file that maps every joint's name to its
-    gain.
+    """Return P gains (J,) [N m/rad] from one number or from a file; [N/m] of sliding joints.
 
-    Of joints that slide, (J,) truths, [N/m]: where there are some one number does not do. Raises
-    UsageError that lists every mistake of the file.
+    Args:
+        argument: A number, or the path of a YAML file that maps every joint's name to its gain.
+        names: Names of the joints.
+        slides: (J,) whether a joint slides; () means that none does. One number does not do for
+            joints of both kinds.
+
+    Raises:
+        UsageError: With every mistake of the file, or for a number that is not positive.
     """
     try:
         number = float(argument)

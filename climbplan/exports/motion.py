@@ -129,7 +129,13 @@ class RobotMotion:
 
 
 def describe_gains(gain: Array, feedforward: bool = False, slides: tuple[bool, ...] = ()) -> str:
-    """Describe the gains (J,) that commands hold for [N m/rad], [N/m] of joints that slide."""
+    """Describe the gains that commands hold for.
+
+    Args:
+        gain: (J,) P gains [N m/rad], [N/m] of sliding joints.
+        feedforward: Whether controllers add the torques themselves.
+        slides: (J,) whether a joint slides; () means that none does.
+    """
     if feedforward:
         return (
             "commands are the angles at which joints come to rest; controllers have to add the "
@@ -173,10 +179,14 @@ def require_increasing(time: Array) -> None:
 
 
 def differentiate_spline(time: Array, values: Array) -> tuple[Array, Array]:
-    """Return first and second derivative (T, ...) of the cubic spline through values at rest at its
-    ends.
+    """Return first and second derivative of the cubic spline through values, at rest at its ends.
 
-    With two samples or fewer nothing moves.
+    Args:
+        time: (T,) increasing [s].
+        values: (T, ...) of any unit.
+
+    Returns:
+        Two arrays (T, ...), per second and per second squared; zeros for two samples or fewer.
     """
     if len(time) < 3:
         return np.zeros_like(values), np.zeros_like(values)

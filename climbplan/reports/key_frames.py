@@ -12,8 +12,13 @@ from climbplan.arrays import Array, BoolArray, IntArray
 def select_key_frames(time: Array, values: Array, forced: BoolArray, tolerance: float) -> IntArray:
     """Return indices of samples between which linear interpolation errs by at most `tolerance`.
 
-    time: (T,); values: (T, D); forced: (T,) samples that must be kept. Splits at the worst sample
-    until none is off (Ramer, Douglas, Peucker).
+    Spans are split at their worst sample until none is off (Ramer, Douglas, Peucker).
+
+    Args:
+        time: (T,) [s].
+        values: (T, D) of one unit.
+        forced: (T,) bool, samples that are kept in any case.
+        tolerance: Largest error of a component, in the unit of the values.
     """
     keep = forced.copy()
     keep[[0, -1]] = True

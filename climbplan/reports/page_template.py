@@ -67,9 +67,16 @@ def build_frame_fields(
 ) -> Fields:
     """Return fields of head, summary and foot, and the pictures.
 
-    kicker: words above the title. good: colour of the first badge and of the verdict; colour: of
-    the badge alone. images: PNG files by name. scripts: run as they are; data: what they
-    read, as `build_data_element` gives it.
+    Args:
+        title: Title of the page.
+        kicker: Words above the title.
+        badges: Badges next to the title, the most important first.
+        good: Whether the first badge and the verdict have the colour of success.
+        cards: Key figures of the summary.
+        images: PNG files by name.
+        scripts: JavaScript that runs as it is.
+        data: What the scripts read, as `build_data_element` gives it.
+        colour: Colour of the first badge: "good", "part" or "bad"; "" follows `good`.
     """
     verdict_colour = "good" if good else "bad"
     return {
@@ -103,7 +110,17 @@ def build_report_fields(
     scripts: Sequence[str] = (),
     data: Mapping[str, Markup] = NOTHING,
 ) -> Fields:
-    """Return the fields of a report's frame; badges say what it is verified in, and its status."""
+    """Return the fields of a report's frame; badges say what it is verified in, and its status.
+
+    Args:
+        report: Values of report.json.
+        kind: What the page is about, above the title.
+        cards: Key figures of the summary.
+        images: PNG files by name.
+        status: Text of the last badge.
+        scripts: JavaScript that runs as it is.
+        data: What the scripts read, as `build_data_element` gives it.
+    """
     default_badge = "verified" if report["verified"] else "not verified"
     return build_frame_fields(
         title=report["title"] or report["name"],
@@ -141,7 +158,11 @@ def build_run_fields(
 ) -> Fields:
     """Return fields of run and spec.
 
-    tables: of the run beside its times, by caption; those without rows are not shown.
+    Args:
+        report: Values of report.json.
+        tables: Tables of the run in addition to its times, by caption; those without rows are not
+            shown.
+        spec_of: Words that say what the spec is of.
     """
     times = [
         (stage, f"{format_value(duration)} s") for stage, duration in report["timings"].items()
@@ -184,7 +205,13 @@ def build_verification_fields(
     meanings: Mapping[str, str],
     note: str = "Everything is recomputed from the plan file alone.",
 ) -> Fields:
-    """Return fields of summary and checks. meanings: of the checks, by name."""
+    """Return fields of summary and checks.
+
+    Args:
+        report: Values of report.json.
+        meanings: What each check requires, by its name.
+        note: Sentence below the table of checks.
+    """
     return {
         "verdict": summarise_verification(report),
         "warnings": tuple(report.get("warnings", ())),

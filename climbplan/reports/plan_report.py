@@ -42,9 +42,13 @@ class PlanReport(Generic[Plan]):
     page: Callable[[Plan, Mapping[str, Any], Mapping[str, bytes]], str]  # of values and PNG files
 
     def build_report(self, path: Path) -> dict[str, Any]:
-        """Return the report of a plan file as JSON-ready values, the verification made anew.
+        """Return the report of a plan file as JSON-ready values, with a new verification.
 
-        Raises PlanFileError for a damaged file.
+        Args:
+            path: Plan file.
+
+        Raises:
+            PlanFileError: The file is damaged.
         """
         return self.values(self.read(path), self.verify(path))
 
@@ -53,9 +57,16 @@ class PlanReport(Generic[Plan]):
     ) -> None:
         """Write report.json, report.html and figures/*.png of a plan file into a directory.
 
-        verification: of this very file if it was made already. Each file is written aside and
-        renamed. Raises PlanFileError for a damaged plan and UsageError where the directory cannot
-        be written to.
+        Each file is written aside and renamed.
+
+        Args:
+            path: Plan file.
+            directory: Directory to write into; it is created if it is missing.
+            verification: Verification of this very file; None verifies it.
+
+        Raises:
+            PlanFileError: The plan is damaged.
+            UsageError: The directory cannot be written to.
         """
         from climbplan.reports.sheet import render_figures
 
@@ -67,6 +78,12 @@ class PlanReport(Generic[Plan]):
     def write_values(
         self, path: Path, directory: Path, verification: Verification | None = None
     ) -> None:
-        """Write report.json alone: no page, no figures."""
+        """Write report.json alone: no page, no figures.
+
+        Args:
+            path: Plan file.
+            directory: Directory that exists.
+            verification: Verification of this very file; None verifies it.
+        """
         report = self.values(self.read(path), verification or self.verify(path))
         write_values(directory, {**report, "figures": []})

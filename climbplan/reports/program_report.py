@@ -17,8 +17,14 @@ _LISTED_ROWS = 1000  # beyond these the plan file has them all
 
 
 def build_report(plan: ProgramPlan, verification: Verification) -> dict[str, Any]:
-    """Return plain values: the plan's attributes, the checks, each row's outcome; no NaN, no
-    infinity.
+    """Return the report of a program's plan as JSON-ready values, without NaN and infinity.
+
+    Args:
+        plan: The plan of `climbplan solve`.
+        verification: Its verification.
+
+    Returns:
+        The plan's attributes, the checks and the outcome of each row.
     """
     answered = plan.objective[plan.found]
     return {

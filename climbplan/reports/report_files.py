@@ -17,7 +17,14 @@ def write_files(
 ) -> None:
     """Write report.json, report.html and figures/<name>.png into a directory.
 
-    Raises UsageError where it cannot be written to.
+    Args:
+        directory: Directory to write into; it is created if it is missing.
+        report: JSON-ready values without NaN and infinity.
+        page: Text of report.html.
+        images: PNG files by name.
+
+    Raises:
+        UsageError: The directory cannot be written to.
     """
     try:
         (directory / "figures").mkdir(parents=True, exist_ok=True)

@@ -35,9 +35,12 @@ _DOTS = 1200  # of a limb's sampled toes that are drawn
 def draw_robot_picture(
     facts: RobotFacts, title: str = "", looks: VisualGeometry | None = None
 ) -> Figure:
-    """Return three views in the body frame [m]; title: what is shown, the robot's name by default.
+    """Draw a robot in its stance in three views, body frame [m].
 
-    looks: visual geometry, which takes the place of the body's box.
+    Args:
+        facts: Measured facts of the robot: stance, joint angles and samples of its reach.
+        title: What is shown; "" is the robot's name.
+        looks: Visual geometry, which takes the place of the body's box; None draws the box.
     """
     robot = facts.robot
     angles = np.nan_to_num(facts.stance_angles)

@@ -65,12 +65,18 @@ def build_panel_grid(
     axes_drawn: bool = True,
     own_heights: bool = False,
 ) -> PanelGrid:
-    """Return a figure of equal panels on common axes; what stands round them has a fixed width.
+    """Return a figure of equal panels on common axes, with fixed space for labels around them.
 
-    Where panels are alike nothing is to be found out, and finding it out (constrained layout) costs
-    as much as the drawing. height: [in]. axes_drawn: panels have ticks and labels, at the left of a
-    row and at the foot of a column; else they are pictures that only have a title. own_heights:
-    panels have vertical axes of their own.
+    Constrained layout would compute the same spaces at the cost of the drawing itself.
+
+    Args:
+        height: Height of the figure [in]; at most `TALLEST` is drawn.
+        entries: Number of entries of the legend at the foot.
+        rows: Rows of panels.
+        columns: Columns of panels.
+        axes_drawn: Whether panels have ticks and labels, at the left of a row and at the foot of a
+            column; otherwise they are pictures that only have a title.
+        own_heights: Whether panels have vertical axes of their own.
     """
     height = min(height, TALLEST)
     foot = _compute_foot_height(entries)

@@ -36,6 +36,9 @@ class Fault(NamedTuple):
 def refuse(faults: Sequence[Fault]) -> None:
     """Make a validator report all `faults` at once; an empty sequence passes.
 
+    Args:
+        faults: Mistakes, each with its dotted key below the validated model; "" is the model.
+
     Raises:
         PydanticCustomError: of type `spec`, with the faults in its context.
     """
@@ -64,8 +67,13 @@ def _countable(value: int) -> int:
 
 
 def quantity(unit: str, description: str, default: Any = ..., **bounds: Any) -> Any:
-    """Return a field with a unit: `gap: Number = quantity("m", "distance between the walls",
-    gt=0)`.
+    """Return a model's field with a unit, such as `quantity("m", "gap of the walls", gt=0)`.
+
+    Args:
+        unit: Unit for messages, pages and the JSON Schema; "" for plain numbers.
+        description: One line on the key, without the unit.
+        default: Value of a key that is left out; `...` makes the key required.
+        bounds: Bounds and other arguments of `pydantic.Field` (`ge`, `gt`, `le`, `lt`).
     """
     return Field(
         default,

@@ -122,7 +122,12 @@ def _format_bound(bound: Any) -> str:
 
 
 def find_slot(model: type[SpecModel], path: KeyPath) -> Slot | None:
-    """Return the place at `path` below a spec of `model`; None where no key is allowed."""
+    """Return the place at `path` below a spec of `model`; None where no key is allowed.
+
+    Args:
+        model: Model of the spec, or of a part of it.
+        path: Keys and list indices from the model downwards; () is the model itself.
+    """
     slot: Slot | None = Slot(model)
     for segment in path:
         slot = slot.child(segment) if slot is not None else None
@@ -130,7 +135,15 @@ def find_slot(model: type[SpecModel], path: KeyPath) -> Slot | None:
 
 
 def explain_unknown_key(model: type[SpecModel], path: KeyPath) -> tuple[str, str | None]:
-    """Return message and suggestion for a key that `model` does not have at `path`."""
+    """Return message and suggestion for a key that `model` does not have at `path`.
+
+    Args:
+        model: Model of the whole spec, in which the key is searched elsewhere, too.
+        path: Keys and list indices down to the unknown key.
+
+    Returns:
+        The message, and the nearest key that exists; None where no key is near.
+    """
     key = str(path[-1])
     parent = find_slot(model, path[:-1])
     siblings = list(parent.model.model_fields) if parent is not None and parent.model else []
@@ -154,7 +167,13 @@ def explain_unknown_key(model: type[SpecModel], path: KeyPath) -> tuple[str, str
 
 
 def find_closest_name(typed: str, candidates: list[str], cutoff: float = 0.6) -> str | None:
-    """Return the word of `words` that `word` is most likely a slip of."""
+    """Return the candidate that `typed` is most likely a slip of; None where none is near.
+
+    Args:
+        typed: Name as the user wrote it.
+        candidates: Names that exist.
+        cutoff: Smallest similarity, from 0 to 1 (`difflib.get_close_matches`).
+    """
     if len(typed) > 64:  # no slip, and matching would be slow
         return None
     normalised = typed.lower().replace("-", "_").replace(" ", "_")

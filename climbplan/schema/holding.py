@@ -35,7 +35,12 @@ class Rules:
     chosen: tuple[str, ...] = ()  # the planner's choice where a spec leaves them out
 
     def role(self, key: str, written: bool) -> Role:
-        """Return what a key is; written: whether the user's spec has it. Longer entries win."""
+        """Return what a key is to a plan; of several entries that match, the longest decides.
+
+        Args:
+            key: Dotted key.
+            written: Whether the user's spec has the key.
+        """
         if not written and _match_length(key, self.chosen):
             return "chosen"
         how, judged = _match_length(key, self.how), _match_length(key, self.judged)
@@ -140,9 +145,16 @@ class HeldSpec:
 
 
 def compare_specs(loaded: LoadedSpec, spec: SpecModel, plan_text: str) -> HeldSpec:
-    """Return the user's loaded spec beside the text that a plan carries.
+    """Compare the user's loaded spec with the spec that a plan carries.
 
-    spec: its model. A plan's text that is no spec of the kind differs in `kind`.
+    Args:
+        loaded: The user's spec with its document, which says what it states.
+        spec: Its model.
+        plan_text: YAML text of the plan's spec. Text that is no spec of the kind differs in `kind`.
+
+    Returns:
+        The user's spec with what differs, and the text that checks of the plan have to use: keys
+        that a spec leaves to the planner have the plan's values there.
     """
     kind = str(vars(spec)["kind"])
     rules = RULES[kind]

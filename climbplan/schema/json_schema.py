@@ -12,7 +12,10 @@ DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
 def json_schema(kind: str) -> dict[str, Any]:
-    """Return JSON Schema (draft 2020-12) of one kind; each property has its meaning and unit.
+    """Return the JSON Schema (draft 2020-12) of one kind, with meaning and unit of each property.
+
+    Args:
+        kind: Kind of spec, such as "climb".
 
     Raises:
         UsageError: there is no such kind.

@@ -72,6 +72,10 @@ Model = TypeVar("Model", bound=SpecModel)
 def find_kind(document: Document, expected_kind: str | None = None) -> str | Finding:
     """Return the kind of a document, or what is wrong with its `kind`.
 
+    Args:
+        document: A parsed spec.
+        expected_kind: The kind that is required; None accepts every kind.
+
     Raises:
         SpecError: it is not a mapping at all, or a spec of another kind than `expected_kind`; the
             rest of it need not be checked then.
@@ -98,7 +102,15 @@ def find_kind(document: Document, expected_kind: str | None = None) -> str | Fin
 
 
 def validate(document: Document, model: type[Model]) -> tuple[Model | None, list[Finding]]:
-    """Return the document as `model`, or every mistake in it (those of its YAML included)."""
+    """Validate a document as `model`.
+
+    Args:
+        document: A parsed spec.
+        model: Model of its kind.
+
+    Returns:
+        The model, None if anything is wrong; and every mistake, those of the YAML included.
+    """
     findings = list(document.findings)
     broken = [f.path for f in findings if f.option is None]
     result = None
@@ -117,11 +129,18 @@ def validate(document: Document, model: type[Model]) -> tuple[Model | None, list
 def validate_kind(
     document: Document, kind: str, model: type[Model]
 ) -> tuple[Model | None, list[Finding]]:
-    """Return the document as `model`, or every mistake in it, of a document that has to be of a
-    kind.
+    """Validate a document as `model`, and require its kind.
+
+    Args:
+        document: A parsed spec.
+        kind: The kind that it has to have.
+        model: Model of that kind.
+
+    Returns:
+        The model, None if anything is wrong; and every mistake, those of the YAML included.
 
     Raises:
-        SpecError: as `find_kind`.
+        SpecError: the document is not a mapping, or a spec of another kind.
     """
     kind_or_finding = find_kind(document, expected_kind=kind)
     kind_findings = [kind_or_finding] if isinstance(kind_or_finding, Finding) else []

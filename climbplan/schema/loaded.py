@@ -31,7 +31,12 @@ class LoadedSpec:
 
 
 def describe_origin(document: Document, text: SourceText) -> dict[str, Any]:
-    """Return the fields of `LoadedSpec`, by name."""
+    """Return the fields of `LoadedSpec` that say where a spec comes from, by name.
+
+    Args:
+        document: The parsed spec; its text is that after overrides.
+        text: The source that it was read from.
+    """
     return {
         "text": document.text,
         "sha256": hashlib.sha256(document.text.encode()).hexdigest(),
@@ -43,7 +48,12 @@ def describe_origin(document: Document, text: SourceText) -> dict[str, Any]:
 
 
 def resolve_option_paths(document: Document, paths: Sequence[KeyPath]) -> None:
-    """Write paths that command options set in full."""
+    """Make paths absolute that command options set, from the current directory.
+
+    Args:
+        document: The parsed spec, changed in place; its text is written anew if a path changes.
+        paths: Keys whose values are paths or lists of paths. Values from the file stay.
+    """
     changed = False
     for path in paths:
         holder: Any = document.value

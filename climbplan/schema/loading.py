@@ -26,6 +26,10 @@ if TYPE_CHECKING:
 def load_spec(source: str | Path, overrides: Sequence[str | Override] = ()) -> AnyLoaded:
     """Read, override and check a spec of any kind.
 
+    Args:
+        source: Path of the spec, or `-` for standard input.
+        overrides: Changes in order, as text `dotted.key=value` or as `Override`.
+
     Raises:
         SpecError: with every mistake in it.
     """
@@ -33,7 +37,15 @@ def load_spec(source: str | Path, overrides: Sequence[str | Override] = ()) -> A
 
 
 def load_source(text: SourceText, overrides: Sequence[str | Override] = ()) -> AnyLoaded:
-    """Override and check a spec of any kind whose text was read already."""
+    """Override and check a spec of any kind whose text was read already.
+
+    Args:
+        text: The text and where it comes from; paths in the spec start there.
+        overrides: Changes in order, as text `dotted.key=value` or as `Override`.
+
+    Raises:
+        SpecError: with every mistake in it.
+    """
     document = apply_overrides(parse_yaml(text.text, text.shown), overrides)
     kind = find_kind(document)
     if isinstance(kind, Finding):

@@ -30,7 +30,13 @@ class Override:
 
     @classmethod
     def of(cls, key: str, data: Any, option: str) -> Self:
-        """Return a value found by the program, which need not be written and read as YAML."""
+        """Return an override by a value that the program found, which is not parsed as YAML.
+
+        Args:
+            key: Dotted key, list indices as numbers.
+            data: Plain data (mappings, lists, text, numbers).
+            option: The change as messages show it, such as "--seed 4".
+        """
         return cls(key, "", option, data=data)
 
     @classmethod
@@ -54,9 +60,15 @@ class Override:
 def apply_overrides(document: Document, overrides: Sequence[str | Override]) -> Document:
     """Return a document with the overrides applied in order and its text written anew.
 
-    Missing mappings on the way are created; which keys are allowed is left to the model. An
-    override that is malformed, or leads through a value that has no keys, becomes a finding.
-    Without overrides it is the same document, text untouched.
+    Missing mappings on the way are created; which keys are allowed is left to the model.
+
+    Args:
+        document: A parsed spec, which stays as it is.
+        overrides: Text `dotted.key=value` or `Override`. One that is malformed, or leads through a
+            value that has no keys, becomes a finding.
+
+    Returns:
+        The changed document; without overrides the same document, text untouched.
     """
     if not overrides:
         warn_of_renamed(document)

@@ -15,10 +15,14 @@ from pydantic import BaseModel
 
 
 def is_stated(spec: object, key: str) -> bool:
-    """Return whether the spec itself (or a `--set`) gives a dotted key, such as
-    `posture.steps.com_max`.
+    """Return whether the spec itself (or a `--set`) gives a key.
 
-    Lists count as a whole. Raises KeyError for a key that no spec of this kind has.
+    Args:
+        spec: A spec model.
+        key: Dotted key, such as `posture.steps.com_max`; lists count as a whole.
+
+    Raises:
+        KeyError: No spec of this kind has the key.
     """
     holder: Any = spec
     for name in key.split("."):

@@ -54,7 +54,12 @@ MOST_FINDINGS = 200  # enough to mend a file by; beyond, it is no spec
 
 
 def collect_findings(error: ValidationError, model: type[SpecModel]) -> list[Finding]:
-    """Return all mistakes that validating a spec as `model` found, once each."""
+    """Return all mistakes that validating a spec as `model` found, once each.
+
+    Args:
+        error: What Pydantic raised.
+        model: Model of the spec, for the expected values and names that messages give.
+    """
     findings: dict[KeyPath, Finding] = {}
     details = error.errors(include_url=False)
     for detail in details[:MOST_FINDINGS]:

@@ -86,10 +86,15 @@ class _YamlDumper(yaml.SafeDumper):
 
 
 def parse_yaml(text: str, source: str) -> Document:
-    """Parse one YAML document.
+    """Parse one YAML document, and give old keys and methods their new names.
 
-    Mistakes that leave the rest readable (tags, double keys) are collected in the document's
-    `findings`; their values are None.
+    Args:
+        text: YAML text.
+        source: File or option that it is from, as messages show it.
+
+    Returns:
+        The document. Mistakes that leave the rest readable (tags, double keys) are its `findings`;
+        their values are None.
 
     Raises:
         SpecError: the text is not YAML, or too large or too deep.

@@ -98,7 +98,13 @@ def build_report(identification: Identification, name: str) -> dict[str, Any]:
 
 
 def write_report(identification: Identification, name: str, directory: Path) -> None:
-    """Write report.json, stiffness.csv and figures/stiffness.png into a directory."""
+    """Write report.json, stiffness.csv and figures/stiffness.png into a directory.
+
+    Args:
+        identification: The measurements with the models fitted to them.
+        name: Name of the measurements, for the report and the figure.
+        directory: Directory that exists and has no `figures` yet.
+    """
     text = json.dumps(
         build_report(identification, name), indent=2, allow_nan=False, ensure_ascii=False
     )

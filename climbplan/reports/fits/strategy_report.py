@@ -51,9 +51,15 @@ def build_report(stored: ModelFile) -> dict[str, Any]:
 
 
 def write_report(stored: ModelFile, columns: IntArray, directory: Path) -> None:
-    """Write report.json, report.html and figures/*.png into a directory.
+    """Write report.json, report.html and figures/*.png of a trained model into a directory.
 
-    columns: variables that solutions are compared by. Raises UsageError where it cannot be written.
+    Args:
+        stored: The model with its spec and evaluation.
+        columns: Indices of the variables by which solutions are compared.
+        directory: Directory to write into.
+
+    Raises:
+        UsageError: The directory cannot be written to.
     """
     report = build_report(stored)
     images = {"spaces": render_png(draw_spaces(stored.model, columns, stored.seed))}

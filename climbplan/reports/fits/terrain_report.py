@@ -61,7 +61,14 @@ def write_terrain_text(fitted: FittedScan) -> str:
 
 
 def write_report(fitted: FittedScan, report: dict[str, Any], directory: Path, page: bool) -> None:
-    """Write terrain.yaml and report.json, and the page with its pictures."""
+    """Write terrain.yaml and report.json, and the page with its pictures.
+
+    Args:
+        fitted: The scan with the regions found in it.
+        report: Values of report.json, as `build_report` gives them.
+        directory: Directory that exists and has no `figures` yet.
+        page: Whether report.html and figures/ are written, too.
+    """
     (directory / RESULT).write_text(write_terrain_text(fitted), encoding="utf-8")
     text = json.dumps(report, indent=2, allow_nan=False, ensure_ascii=False)
     (directory / "report.json").write_text(f"{text}\n", encoding="utf-8")

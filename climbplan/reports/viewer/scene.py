@@ -121,9 +121,17 @@ def interpolate(values: Array, moment: tuple[int, int, float]) -> Array:
 def build_polygons(
     name: str, corners: list[Array], color: str, opacity: float, note: str = ""
 ) -> StaticMesh:
-    """Return flat convex polygons (V, 3) as one shape, each a fan of triangles.
+    """Return flat convex polygons as one shape, each a fan of triangles.
 
-    Raises ValueError if there is none.
+    Args:
+        name: Name of the shape.
+        corners: Corners (V, 3) [m] of each polygon in turn, world frame.
+        color: "#rrggbb".
+        opacity: From 0 to 1.
+        note: Text for people who point at the shape.
+
+    Raises:
+        ValueError: There is no polygon.
     """
     fans, start = [], 0
     for polygon in corners:
@@ -169,8 +177,15 @@ _CUBE_FACES = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6,
 def build_block(
     name: str, lower: Array, upper: Array, color: str, opacity: float, yaw: float = 0.0
 ) -> StaticMesh:
-    """Return a cuboid that stands still, axis-aligned but for a turn by `yaw` [rad] about its
-    middle.
+    """Return a cuboid that stands still.
+
+    Args:
+        name: Name of the shape.
+        lower: (3,) lower corner [m] before the rotation, world frame.
+        upper: (3,) upper corner [m] before the rotation, world frame.
+        color: "#rrggbb".
+        opacity: From 0 to 1.
+        yaw: Rotation about the vertical through its middle [rad].
     """
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
     c, s = np.cos(yaw), np.sin(yaw)

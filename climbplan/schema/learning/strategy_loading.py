@@ -29,7 +29,11 @@ class LoadedStrategy(LoadedSpec):
 
 
 def load_strategy(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedStrategy:
-    """Read, override and check a strategy spec; `source` is a path or `-` for standard input.
+    """Read, override and check a strategy spec.
+
+    Args:
+        source: Path of the spec, or `-` for standard input.
+        overrides: Changes in order, as text `dotted.key=value` or as `Override`.
 
     Raises:
         SpecError: with every mistake in spec and overrides.

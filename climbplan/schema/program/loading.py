@@ -39,7 +39,11 @@ class LoadedProgram(LoadedSpec):
 
 
 def load_program(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedProgram:
-    """Read, override and check a program spec; `source` is a path or `-` for standard input.
+    """Read, override and check a program spec.
+
+    Args:
+        source: Path of the spec, or `-` for standard input.
+        overrides: Changes in order, as text `dotted.key=value` or as `Override`.
 
     Raises:
         SpecError: with every mistake in spec and overrides.
@@ -50,6 +54,10 @@ def load_program(source: str | Path, overrides: Sequence[str | Override] = ()) -
 
 def build_program(document: Document, text: SourceText) -> LoadedProgram:
     """Return the program spec that a document describes.
+
+    Args:
+        document: A parsed spec with its overrides applied.
+        text: Where the document comes from; paths in it start there.
 
     Raises:
         SpecError: with every mistake in it.

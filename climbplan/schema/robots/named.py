@@ -20,7 +20,17 @@ Model = TypeVar("Model", bound=SpecModel)
 def load_robot_of_document(
     document: Document, directory: Path, path: KeyPath = ("robot",)
 ) -> tuple[AnyRobot | None, list[SpecMistake]]:
-    """Return the robot that a document names or holds, or what is wrong with it or its files."""
+    """Return the robot that a document names or holds, or what is wrong with it or its files.
+
+    Args:
+        document: A parsed spec.
+        directory: Directory that paths in the spec start from.
+        path: Keys down to the robot's name, path or mapping.
+
+    Returns:
+        The robot, None if there is none; and the mistakes, without those that the spec's own model
+        reports.
+    """
     reference = document.value
     for key in path:
         reference = reference.get(key) if isinstance(reference, dict) else None
@@ -51,7 +61,13 @@ def load_robot_of_document(
 
 
 def validate_part(document: Document, key: str, model: type[Model]) -> Model | None:
-    """Return one part of a document; None if it is not valid on its own."""
+    """Validate one part of a document alone; return None if it is not valid.
+
+    Args:
+        document: A parsed spec, a mapping.
+        key: Key of the part at the top level; a missing part is validated as an empty mapping.
+        model: Model of the part.
+    """
     try:
         return model.model_validate(document.value.get(key, {}))
     except ValidationError:

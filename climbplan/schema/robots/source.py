@@ -47,9 +47,11 @@ def read_robot_text(name: str) -> str:
 
 
 def load_robot(reference: str | Path, directory: Path | None = None) -> RobotSpec:
-    """Return a robot of coxa, femur and tibia by built-in name, or from a YAML file.
+    """Load a robot of coxa, femur and tibia by built-in name, or from a YAML file.
 
-    The file is relative to `directory`.
+    Args:
+        reference: Built-in name, or path of a file that ends in .yaml or .yml.
+        directory: Directory that a path starts from; None is the current one.
 
     Raises:
         UnknownRobot: `reference` is neither a YAML file's name nor a built-in one.
@@ -62,7 +64,16 @@ def load_robot(reference: str | Path, directory: Path | None = None) -> RobotSpe
 
 
 def load_any_robot(reference: str | Path, directory: Path | None = None) -> AnyRobot:
-    """Load a robot with limbs of any kind by built-in name, or from a YAML file."""
+    """Load a robot with limbs of any kind by built-in name, or from a YAML file.
+
+    Args:
+        reference: Built-in name, or path of a file that ends in .yaml or .yml.
+        directory: Directory that a path starts from; None is the current one.
+
+    Raises:
+        UnknownRobot: `reference` is neither a YAML file's name nor a built-in one.
+        SpecError: the file, or the URDF that it names, cannot be used; with its own lines.
+    """
     name = str(reference)
     if Path(name).suffix not in (".yaml", ".yml"):
         return build_robot(parse_yaml(read_robot_text(name), f"robot {name}"), Path())
@@ -71,8 +82,14 @@ def load_any_robot(reference: str | Path, directory: Path | None = None) -> AnyR
 
 
 def find_robot_files(reference: str, directory: Path) -> list[Path]:
-    """Return the file of a robot or body that a path names, and the URDF that this names if it
-    does.
+    """Return the file of a robot or rigid body, followed by the URDF that it names, if any.
+
+    Args:
+        reference: Path of the YAML file.
+        directory: Directory that the path starts from.
+
+    Raises:
+        SpecError: the file cannot be read.
     """
     path = directory / reference
     value = parse_yaml(read_source(path).text, str(path)).value
@@ -86,7 +103,11 @@ def build_robot_from_text(document: Document, text: SourceText) -> AnyRobot:
 
 
 def build_robot(document: Document, directory: Path) -> AnyRobot:
-    """Return the robot that a document describes; paths in it start from `directory`.
+    """Return the robot that a document describes.
+
+    Args:
+        document: A parsed robot file.
+        directory: Directory that paths in it start from.
 
     Raises:
         SpecError: with every mistake in it.

@@ -50,8 +50,13 @@ def collect_robot_texts(
 ) -> RobotTexts:
     """Return the texts of the files from which `robot` was loaded, for its plan.
 
-    reference: the spec's `robot`, whose path starts from `directory`. Raises SpecError if the file
-    is no longer there.
+    Args:
+        reference: Value of `robot` in the spec: a built-in name, a path, or a URDF section.
+        directory: Directory that a path starts from.
+        robot: The loaded robot.
+
+    Raises:
+        SpecError: the file is no longer there.
     """
     named = isinstance(reference, str) and _is_path(reference)
     return RobotTexts(
@@ -63,7 +68,13 @@ def collect_robot_texts(
 def build_stored_robot(document: Document, texts: RobotTexts) -> StoredRobot:
     """Return the robot of a plan's spec, built-in or from the texts that the plan carries.
 
-    Raises NotKept if it is neither, and SpecError for texts that are no robot.
+    Args:
+        document: The parsed spec of the plan.
+        texts: Robot files that the plan carries.
+
+    Raises:
+        NotKept: The robot is neither built-in nor carried by the plan.
+        SpecError: A text is no robot.
     """
     reference = document.value.get("robot") if isinstance(document.value, dict) else None
     if isinstance(reference, dict):

@@ -100,7 +100,12 @@ class RobotUncertaintySpec(SpecModel):
 
 
 def states_uncertainty(spec: RobotUncertaintySpec, robot: RobotUncertaintySpec) -> bool:
-    """Return whether a spec or robot file states any distribution, as against defaults alone."""
+    """Return whether a spec or robot file states any distribution, as against defaults alone.
+
+    Args:
+        spec: Section `uncertainty` of the spec.
+        robot: Section `uncertainty` of the robot file.
+    """
     return bool(spec.model_fields_set or robot.model_fields_set)
 
 

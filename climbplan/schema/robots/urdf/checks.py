@@ -230,7 +230,16 @@ def check_joint(joint: UrdfJoint, spec: UrdfRobotSpec) -> Iterator[str]:
 def compute_leader_bounds(
     tree: UrdfTree, joint: UrdfJoint, followers: Iterable[UrdfJoint]
 ) -> tuple[float, float]:
-    """Return bounds of a joint [rad, m] that keep its mimic joints within their own bounds."""
+    """Return bounds of a joint [rad, m] that keep its mimic joints within their own bounds.
+
+    Args:
+        tree: The URDF.
+        joint: The joint that others follow.
+        followers: Mimic joints; those of other joints are passed over.
+
+    Returns:
+        Lower and upper bound; lower > upper where no place keeps all of them.
+    """
     low, high = joint.lower, joint.upper
     for follower in followers:
         coupling = resolve_mimic(tree, follower)

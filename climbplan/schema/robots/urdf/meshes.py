@@ -18,8 +18,15 @@ _AXIS = 16  # [bytes] behind the tag
 def find_mesh(name: str, urdf: Path, packages: Mapping[str, str], directory: Path) -> Path:
     """Return the file of a mesh that a URDF names.
 
-    packages: package name -> directory, relative to `directory`. Others are looked for among the
-    directories above the URDF and in ROS_PACKAGE_PATH. Raises UrdfFault for what is not there.
+    Args:
+        name: As the URDF has it: `package://`, `file://` or a path from the URDF.
+        urdf: Path of the URDF.
+        packages: Package name -> directory, relative to `directory`. Others are looked for in
+            directories above the URDF and in ROS_PACKAGE_PATH.
+        directory: Directory of the robot file.
+
+    Raises:
+        UrdfFault: The name has another form, or there is no such file.
     """
     if name.startswith(_PACKAGE):
         package, _, inner_path = name.removeprefix(_PACKAGE).partition("/")

@@ -240,9 +240,15 @@ def read_urdf(path: Path) -> UrdfTree:
 
 
 def parse_urdf(text: str, path: Path) -> UrdfTree:
-    """Return the tree of a URDF's text, `path` the file that it is from.
+    """Return the tree of a URDF's text.
 
-    Raises UrdfFault for what is no URDF, and UrdfFaults with all that is wrong in one.
+    Args:
+        text: XML of the URDF.
+        path: File that it is from, for messages and mesh paths.
+
+    Raises:
+        UrdfFault: It is no URDF.
+        UrdfFaults: With all that is wrong in one.
     """
     root = parse_xml(text)
     if root.tag != "robot":

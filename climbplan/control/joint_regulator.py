@@ -56,10 +56,10 @@ class RegulatorTables:
     jacobian: Array  # (T, N, 3, J) of toes [m/rad]
     turning: Array  # (T, N, J, 3) its damped inverse [rad/m]
     arms: Array  # (T, N, 3) from body to toes [m]
-    sharing: Array  # (T, 3N, 3N) projector of toe deflections on internal forces
-    bent: Array  # (T, N, J) planned deflection of joints from their commands [rad]
-    most: Array  # (N, J) largest deflection by motors [rad]
-    give: Array  # (N, J) compliance ratio: deflection of joint and structure per encoder radian
+    internal_projector: Array  # (T, 3N, 3N) projector of toe deflections on internal forces
+    deflection: Array  # (T, N, J) planned deflection of joints from their commands [rad]
+    max_deflection: Array  # (N, J) largest deflection by motors [rad]
+    compliance_ratio: Array  # (N, J) deflection of joint and structure per encoder radian
     rate: Array  # (T,) at which a pose error of the body decays [1/s]
     toes: Array  # (N, 3) toes at the start [m]
     rolled: Array  # (T, N, 3) by which standing toes have rolled since the start [m]
@@ -70,16 +70,27 @@ class RegulatorTables:
     drive: Array  # (N, J, J) motions of joints by angles: the identity but for mimic joints
 
 
+_OLD_NAMES = {
+    "internal_projector": "sharing",
+    "deflection": "bent",
+    "max_deflection": "most",
+    "compliance_ratio": "give",
+}
+
+
 def read_tables(path: str | PathLike[str]) -> RegulatorTables:
-    """Read the tables of a file.
+    """Read the tables of a file; tables under their old names are read, too.
 
     Raises:
         KeyError: A table is missing.
     """
     with np.load(path, allow_pickle=False) as stored:
-        return RegulatorTables(
-            **{f.name: np.ascontiguousarray(stored[f.name], float) for f in fields(RegulatorTables)}
-        )
+        arrays = {}
+        for field in fields(RegulatorTables):
+            old = _OLD_NAMES.get(field.name)
+            name = old if old in stored and field.name not in stored else field.name
+            arrays[field.name] = np.ascontiguousarray(stored[name], float)
+    return RegulatorTables(**arrays)
 
 
 class Chains:
@@ -243,10 +254,10 @@ class Corrections:
     """Integral action on the body's attitude and on forces, and on its position if required."""
 
     def __init__(self, tables: RegulatorTables, place: bool = True) -> None:
-        n, joints = tables.most.shape
+        n, joints = tables.max_deflection.shape
         self.tables, self._place = tables, place
         self._last = len(tables.com) - 1
-        self._min_deflection = -tables.most
+        self._min_deflection = -tables.max_deflection
         self._settled = [value > 0.5 for value in tables.settled.tolist()]
         # Of the toes [m]; at the start, how far they stand off their planned places
         self.offset = np.zeros((n, 3))
@@ -278,12 +289,12 @@ class Corrections:
         tables = self.tables
         index = min(int(sample), self._last)
         after, fraction = min(index + 1, self._last), sample - int(sample)
-        _interpolate(tables.bent[index], tables.bent[after], fraction, self._planned)
+        _interpolate(tables.deflection[index], tables.deflection[after], fraction, self._planned)
         np.maximum(lag, self._min_deflection, out=self._lag)
-        np.minimum(self._lag, tables.most, out=self._lag)
+        np.minimum(self._lag, tables.max_deflection, out=self._lag)
         np.subtract(self._planned, self._lag, out=self._lag)
         np.matmul(tables.jacobian[index], self._missing, out=self._deflected)
-        np.dot(tables.sharing[index], self._flat, out=self._shared)
+        np.dot(tables.internal_projector[index], self._flat, out=self._shared)
         rate = self._offset_rate
         np.multiply(rate, -FORCE_RATE, out=rate)
         if self._settled[index]:
@@ -383,7 +394,7 @@ class JointRegulator:
             (time - times[index]) / (times[index + 1] - times[index]) if index < last else 0.0
         )
         np.subtract(angles, self.command, out=self._lag)
-        np.multiply(self._lag, tables.give, out=self._lag)
+        np.multiply(self._lag, tables.compliance_ratio, out=self._lag)
         np.add(self.command, self._lag, out=self._angles)
         if not isfinite(float(np.add.reduce(self._angles, axis=None))):
             raise ValueError("an angle is no number")

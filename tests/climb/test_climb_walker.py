@@ -116,14 +116,14 @@ def test_gains_of_rigid_simulators(stored: Path) -> None:
 def test_the_regulator_of_a_rigid_simulator(stored: Path, tmp_path: Path) -> None:
     write_regulator(stored, "rigid", tmp_path)
     with np.load(tmp_path / "regulator.npz", allow_pickle=False) as tables:
-        assert tables["give"] == pytest.approx(1.0)  # encoders see all that gives
+        assert tables["compliance_ratio"] == pytest.approx(1.0)  # encoders see all that gives
         planned = climb_motion(stored)
         assert planned.base is not None
         assert planned.joints is not None
         assert np.array_equal(tables["base_position"], planned.base.position)
         there = tables["joint_names"] != ""
         assert np.array_equal(tables["gravity"][:, there], planned.joints.gravity)
-        bent = (tables["command"] + tables["bent"])[:, there]
+        bent = (tables["command"] + tables["deflection"])[:, there]
         torque = tables["gain"][there] * (tables["command"][:, there] - bent)
         assert torque == pytest.approx(planned.joints.torque, abs=1e-9)
 

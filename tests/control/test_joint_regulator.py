@@ -40,7 +40,7 @@ Planned = Callable[..., ClimbPlan]
 
 def seen(tables: RegulatorTables) -> Array:
     """(T, N, J) what encoders read where all goes as planned."""
-    return np.asarray(tables.command + tables.bent / tables.give)
+    return np.asarray(tables.command + tables.deflection / tables.compliance_ratio)
 
 
 def test_limbs_at_full_stretch_are_not_turned_through_it() -> None:
@@ -110,7 +110,7 @@ def test_it_ticks_as_simulations_do(planned: Planned) -> None:
     regulator, odometry = Regulator(plan, correct_position=True), JointOdometry(plan)
     before, last = float(tables.time[0]), tables.command[0]
     for sample, moment in enumerate(tables.time.tolist()):
-        lag = (angles[sample] - last) * tables.give
+        lag = (angles[sample] - last) * tables.compliance_ratio
         pose = odometry.pose(sample, last + lag)
         added = regulator.compute_correction(sample, moment - before, pose, lag)
         last = tables.command[sample] + added
@@ -123,9 +123,11 @@ def test_stiffer_controllers_are_told_less(planned: Planned) -> None:
     plan = planned()
     own = build_regulator_tables(plan)
     stiff = build_regulator_tables(plan, 2.0 * plan.robot.joint_stiffness)
-    torque = own.bent / own.give * plan.robot.joint_stiffness
+    torque = own.deflection / own.compliance_ratio * plan.robot.joint_stiffness
     np.testing.assert_allclose(
-        stiff.bent / stiff.give * 2.0 * plan.robot.joint_stiffness, torque, atol=1e-9
+        stiff.deflection / stiff.compliance_ratio * 2.0 * plan.robot.joint_stiffness,
+        torque,
+        atol=1e-9,
     )
 
 
@@ -165,8 +167,8 @@ from joint_regulator import JointRegulator, read_tables
 import numpy as np
 tables = read_tables("regulator.npz")
 regulator = JointRegulator(tables)
-told = [regulator.tick(t, c + b / tables.give).copy()
-        for t, c, b in zip(tables.time.tolist(), tables.command, tables.bent)]
+told = [regulator.tick(t, c + b / tables.compliance_ratio).copy()
+        for t, c, b in zip(tables.time.tolist(), tables.command, tables.deflection)]
 assert not any(name.startswith(("climbplan", "scipy")) for name in sys.modules)
 np.save("told.npy", told)
 """
@@ -185,6 +187,17 @@ def test_the_written_file_runs_alone_and_says_the_same(
         for t, angle in zip(stored.time.tolist(), seen(stored), strict=True)
     ]
     np.testing.assert_array_equal(np.load(tmp_path / "told.npy"), told)
+
+
+def test_tables_under_old_names_are_read(planned: Planned, tmp_path: Path) -> None:
+    tables = build_regulator_tables(planned())
+    old = {"deflection": "bent", "compliance_ratio": "give", "max_deflection": "most"}
+    old |= {"internal_projector": "sharing"}
+    arrays = {old.get(name, name): value for name, value in vars(tables).items()}
+    np.savez(tmp_path / "old.npz", allow_pickle=False, **arrays)
+    stored = joint_regulator.read_tables(tmp_path / "old.npz")
+    for name, value in vars(tables).items():
+        np.testing.assert_array_equal(vars(stored)[name], value)
 
 
 def test_feet_that_roll_carry_the_body_on(planned: Planned) -> None:

@@ -95,7 +95,7 @@ def measure_tick_time(tables: RegulatorTables) -> TickTime:
     regulator = JointRegulator(tables)
     moments = np.linspace(tables.time[0], tables.time[-1], _NUM_TIMED_TICKS)
     sample = np.searchsorted(tables.time, moments, side="right") - 1
-    angles = tables.command + tables.bent / tables.give
+    angles = tables.command + tables.deflection / tables.compliance_ratio
     durations = []
     for moment, sample_index in zip(moments.tolist(), sample.tolist(), strict=True):
         measured_angles = angles[sample_index]

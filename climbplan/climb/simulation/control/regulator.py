@@ -70,12 +70,12 @@ def build_regulator_tables(plan: ClimbPlan, gain: Array | None = None) -> Regula
         jacobian=np.ascontiguousarray(jacobian),
         turning=invert_jacobian(jacobian),
         arms=np.ascontiguousarray(arms),
-        sharing=np.ascontiguousarray(
+        internal_projector=np.ascontiguousarray(
             build_internal_projector(compliance, arms, trajectory.contact)
         ),
-        bent=np.clip(angles - command, -max_deflection, max_deflection),
-        most=np.broadcast_to(max_deflection, (n, joints)).copy(),
-        give=np.broadcast_to(compliance_with_gain * gain, (n, joints)).copy(),
+        deflection=np.clip(angles - command, -max_deflection, max_deflection),
+        max_deflection=np.broadcast_to(max_deflection, (n, joints)).copy(),
+        compliance_ratio=np.broadcast_to(compliance_with_gain * gain, (n, joints)).copy(),
         rate=compute_stable_rates(plan),
         toes=plan.rounds.toes[0].copy(),
         rolled=_compute_rolling(plan, angles),

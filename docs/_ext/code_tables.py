@@ -12,9 +12,10 @@ from climbplan import errors
 from climbplan.bookshelf.check.plan_checks import LIMITS as SHELF
 from climbplan.bookshelf.check.plan_checks import MEANINGS
 from climbplan.datasets.check.verification import MEANINGS as DATASETS
-from climbplan.deprecation import RENAMED_CHECKS
+from climbplan.deprecation import RENAMED_CHECKS, RENAMED_METHODS
 from climbplan.limms.check.limits import LIMITS as MODULES
 from climbplan.limms.check.limits import MASS_LIMITS
+from climbplan.schema.renamed_keys import RENAMED_KEYS
 from climbplan.solvers.registry import BACKENDS
 from climbplan.verification.check import (
     FEET_LIMITS,
@@ -108,12 +109,35 @@ def checks_page() -> str:
         "## Datasets",
         "",
         table(("check", "what holds"), [(f"`{name}`", text) for name, text in DATASETS.items()]),
-        "## Old names",
+        "[Old names](renamed.md) of checks are listed on a page of their own.",
         "",
-        "`Verification.check` and `CheckReport[...]` take these with a warning.",
-        "",
-        table(("old", "new"), [(f"`{old}`", f"`{new}`") for old, new in RENAMED_CHECKS.items()]),
     ]
+    return "\n".join(lines)
+
+
+def renamed_page() -> str:
+    """Old names of keys, methods and checks, with the new ones."""
+    lines = [
+        "# Old names",
+        "",
+        "Old names work where a user gives one, with a warning that has the new one: keys and",
+        "methods in specs, `--set`, `--method` and Python; checks in `Verification.check` and in",
+        "`CheckReport[...]`. Plan files that hold old names are read and verified as before.",
+        "",
+    ]
+    for kind, keys in RENAMED_KEYS.items():
+        rows = [
+            (f"`{old}`", f"`{'.'.join([*old.split('.')[:-1], new])}`") for old, new in keys.items()
+        ]
+        lines += [f"## Keys of `kind: {kind}`", "", table(("old", "new"), rows)]
+    methods = [
+        (f"`{kind}`", f"`{old}`", f"`{new}`")
+        for kind, names in RENAMED_METHODS.items()
+        for old, new in names.items()
+    ]
+    lines += ["## Methods", "", table(("kind", "old", "new"), methods)]
+    checks = [(f"`{old}`", f"`{new}`") for old, new in RENAMED_CHECKS.items()]
+    lines += ["## Checks", "", table(("old", "new"), checks)]
     return "\n".join(lines)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmark_page import benchmarks_page
-from code_tables import api_page, checks_page, solvers_page
+from code_tables import api_page, checks_page, renamed_page, solvers_page
 from folder_tables import folders_page
 from gallery_page import gallery_page
 from guide_pages import guide_pages
@@ -33,6 +33,7 @@ def pages(docs: Path) -> dict[str, str]:
         "folders.md": folders_page(root / "climbplan"),
         "checks.md": checks_page(),
         "solvers.md": solvers_page(),
+        "renamed.md": renamed_page(),
         "gallery.md": gallery_page(root / "specs", docs / "gallery"),
         "pages.md": pictures_page(docs / "pages"),
         "robots.md": robots_page(docs),

@@ -44,20 +44,20 @@ CONTENDERS = (
     Contender("exact", "exact", {"method": "exact"}, meanings=("contact",)),
     Contender(
         "convex-qp",
-        "convex, 10 candidates, one QP each (OSQP)",
+        "pinned, 10 candidates, one QP each (OSQP)",
         {"method": "pinned", "max_candidates": 10, "max_refinements": 0, "solver": "osqp"},
         effort="some",
         learns=True,
     ),
     Contender(
         "convex-10",
-        "convex, 10 candidates, local SQP",
+        "pinned, 10 candidates, local SQP",
         {"method": "pinned", "max_candidates": 10},
         learns=True,
     ),
     Contender(
         "convex-50",
-        "convex, 50 candidates, local SQP",
+        "pinned, 50 candidates, local SQP",
         {"method": "pinned", "max_candidates": 50},
         learns=True,
     ),
@@ -77,7 +77,9 @@ CONTENDERS = (
     Contender("mpcc-manual", "mpcc, manual start", {"method": "mpcc", "start": "manual"}),
     Contender("mpcc-zero", "mpcc, zero start", {"method": "mpcc", "start": "zero"}, effort="some"),
     Contender("admm", "admm, manual start", {"method": "admm"}, effort="few"),
-    Contender("micp", "micp, 130 binaries (HiGHS)", {"method": "micp"}, effort="few"),
+    Contender(
+        "mccormick", "mccormick, 130 binaries (HiGHS)", {"method": "mccormick"}, effort="few"
+    ),
     Contender("minlp-scip", "minlp (SCIP)", {"method": "minlp-scip"}, effort="few"),
     Contender("minlp-bonmin", "minlp (Bonmin)", {"method": "minlp-bonmin"}, effort="few"),
 )

@@ -112,7 +112,7 @@ def test_meaning_decides_what_passes(shifted: Callable[[float], None], tmp_path:
         "  insert: {height_mm: 90, width_mm: 117}\n"  # 0.2 mm of room
     )
     (tmp_path / "contact.yaml").write_text(text)
-    (tmp_path / "published.yaml").write_text(f"{text}\nmeaning: published\n")
+    (tmp_path / "published.yaml").write_text(f"{text}\nformulation: published\n")
     shifted(1e-3)
     with pytest.raises(runs.LimitReached, match=r"breaks book\.overlap"):
         run_shelf(load_shelf(tmp_path / "contact.yaml"))

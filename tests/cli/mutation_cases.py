@@ -34,8 +34,8 @@ PLANS = {
     "climb_walker": ["plan-climb", "climb_walker.yaml"],
     "climb_single_wall": ["plan-climb", "climb_single_wall.yaml"],
     "transition_flat": ["plan-transition", "transition_flat.yaml"],
-    "mpc_forward": ["plan-mpc", "mpc_forward.yaml", "--method", "nlp"],
-    "mpc_disturbance": ["plan-mpc", "mpc_disturbance.yaml", "--method", "nlp"],
+    "mpc_forward": ["plan-mpc", "mpc_forward.yaml", "--method", "mpcc"],
+    "mpc_disturbance": ["plan-mpc", "mpc_disturbance.yaml", "--method", "mpcc"],
     "bookshelf_scene": ["solve-bookshelf", "bookshelf_scene.yaml"],
     "dataset_bookshelf": ["gen-data", "dataset_bookshelf.yaml", "--set", "count=4"],
 }
@@ -46,7 +46,7 @@ _PLANNED = {
     "climb_tube.yaml": ["plan-climb", "--time-limit", "0.5"],
     "transition_flat.yaml": ["plan-transition", "--time-limit", "0.5"],
     "limms_throw.yaml": ["plan-limms", "--time-limit", "0.5"],
-    "mpc_forward.yaml": ["plan-mpc", "--time-limit", "0.5", "--method", "nlp"],
+    "mpc_forward.yaml": ["plan-mpc", "--time-limit", "0.5", "--method", "mpcc"],
     "bookshelf_scene.yaml": ["solve-bookshelf", "--time-limit", "0.5"],
 }
 

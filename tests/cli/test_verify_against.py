@@ -172,7 +172,7 @@ def test_usage(run_command: RunCommand, own: Path, made: Make) -> None:
 def test_walks(run_command: RunCommand) -> None:
     spec = str(SPECS / "mpc_forward.yaml")
     lax = ["-s", "task.integrator=euler", "-s", "terrain.friction=2.5"]
-    done = run_command("plan-mpc", spec, "--method", "nlp", *lax, "-o", "walk")
+    done = run_command("plan-mpc", spec, "--method", "mpcc", *lax, "-o", "walk")
     assert done.code == 5, done.err
     assert done.err.splitlines()[0].startswith("warning: implausible: friction 2.5 of the ground")
     assert "verified in its model (implausible data, forward Euler)" in done.err

@@ -76,7 +76,7 @@ task:
   swing_clearance: 0.039
   reference: {velocity: [0.5, 0, 0], rpy_deg: [0, 0, 0]}
 weights: {velocity: [100, 100, 1000], angles: [100, 100, 10], height: 1000}
-solver: {method: nlp, initial_gait: walking trot}
+solver: {method: mpcc, initial_gait: walking trot}
 """
 
 

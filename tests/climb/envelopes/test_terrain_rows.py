@@ -39,7 +39,7 @@ def _spec(**changes: object) -> TerrainsProblemSpec:
         "kind": "terrains",
         "robot": "silvia",
         "terrain": {"distribution": "wall3"},
-        "solver": {"nodes": 40},
+        "solver": {"node_limit": 40},
     }
     return TerrainsProblemSpec.model_validate({**given, **changes})
 

@@ -80,7 +80,7 @@ task:
   reference: {{velocity: [{speed:.2g}, 0, 0], rpy_deg: [0, 0, {yaw:g}]}}
 
 weights: {{{weights}, height: 1000}}  # {comment}
-solver: {{method: nlp, initial_gait: walking trot}}
+solver: {{method: mpcc, initial_gait: walking trot}}
 loop: {{max_qp_iterations: {_QP_ITERATIONS}}}  # of `--method online`: time for more gaits
 seed: 0
 """

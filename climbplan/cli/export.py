@@ -61,7 +61,7 @@ class ExportOptions:
     ] = "csv"
     rate: Annotated[
         float | None,
-        typer.Option(metavar="HZ", help="Samples a second [default: the plan's own samples]."),
+        typer.Option(metavar="HZ", help="Sample rate [Hz] [default: the plan's own samples]."),
     ] = None
     gains: Annotated[
         str | None,
@@ -154,7 +154,7 @@ def export(context: typer.Context, options: ExportOptions) -> None:
         print_result(str(_write_instances(context, options, options.instances)))
         return
     if options.plan is None:
-        raise UsageError("a PLAN is missing, or --instances DIR for the set of problems")
+        raise UsageError("expected a PLAN, or --instances DIR for the set of problems")
     if options.seed is not None or options.count is not None:
         raise UsageError("--seed and --count go with --instances")
     path = find_plan(options.plan)
@@ -183,7 +183,7 @@ def _write_instances(context: typer.Context, options: ExportOptions, target: Pat
     has_motion_options = options.motion != MotionOptions() or options.unverified
     has_plan_options = options.out is not None or options.format_ != "csv" or has_motion_options
     if options.plan is not None or has_plan_options:
-        raise UsageError("--instances DIR: no plan and no option of motions goes with it")
+        raise UsageError("--instances DIR: expected no PLAN and no option of motions with it")
     from climbplan.instances.families import COUNT
     from climbplan.instances.writing import KNOWN_SEED, write_set
 

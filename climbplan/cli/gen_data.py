@@ -46,7 +46,7 @@ class GenDataOptions:
     assignments: Set = None
     seed: Seed = None
     jobs: Annotated[
-        int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Worker processes.")
+        int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Number of worker processes.")
     ] = 1
     scheduler: Annotated[
         str | None,
@@ -58,13 +58,14 @@ class GenDataOptions:
         ),
     ] = None
     time_limit: Annotated[
-        float | None, typer.Option("--time-limit", metavar="SECONDS", help="Time limit of one row.")
+        float | None,
+        typer.Option("--time-limit", metavar="SECONDS", help="Time limit of one row [s]."),
     ] = None
     method: Annotated[
         str | None,
-        typer.Option("--method", metavar="NAME", help="Method, as `problem.solver.method`."),
+        typer.Option("--method", metavar="NAME", help="Method; sets `problem.solver.method`."),
     ] = None
-    resume: Annotated[bool, typer.Option("--resume", help="Go on with a run that was stopped.")] = (
+    resume: Annotated[bool, typer.Option("--resume", help="Continue a run that was stopped.")] = (
         False
     )
     as_json: Json = False

@@ -28,7 +28,8 @@ class NewOptions:
         ),
     ]
     directory: Annotated[
-        Path, typer.Argument(metavar="DIR", help="Where to write it [default: here].")
+        Path,
+        typer.Argument(metavar="DIR", help="Directory to write into: the current one if left out."),
     ] = Path()
     example: Annotated[
         str | None,

@@ -100,7 +100,7 @@ Verbose = Annotated[
         help="Log on standard error, with tracebacks of internal errors.",
     ),
 ]
-Force = Annotated[bool, typer.Option("--force", help="Replace what is already there.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace an existing output.")]
 
 
 Options = TypeVar("Options")

@@ -16,7 +16,6 @@ from climbplan.cli.options import (
     Force,
     Jobs,
     Json,
-    Out,
     Plan,
     Quiet,
     Seed,
@@ -51,7 +50,15 @@ class SimulateOptions:
     """Plan and options of `climbplan simulate` as they are given."""
 
     plan: Plan
-    out: Out = None
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="Output directory [default: outputs/<plan's name>_simulation].",
+        ),
+    ] = None
     runs: Annotated[
         int,
         typer.Option(
@@ -73,16 +80,31 @@ class SimulateOptions:
         ),
     ] = None
     friction: Annotated[
-        float, typer.Option("--friction", metavar="FACTOR", min=0.0, help="On the coefficients.")
+        float,
+        typer.Option(
+            "--friction", metavar="FACTOR", min=0.0, help="Factor on all friction coefficients."
+        ),
     ] = 1.0
     payload: Annotated[
-        float, typer.Option("--payload", metavar="KG", help="Mass the plan does not know.")
+        float,
+        typer.Option(
+            "--payload", metavar="KG", help="Mass [kg] on the body that the plan does not know."
+        ),
     ] = 0.0
     gain: Annotated[
-        float, typer.Option("--gain", metavar="FACTOR", min=0.01, help="On the motors' P gain.")
+        float,
+        typer.Option(
+            "--gain",
+            metavar="FACTOR",
+            min=0.01,
+            help="Factor on the proportional gain of all motors.",
+        ),
     ] = 1.0
     backlash_deg: Annotated[
-        float, typer.Option("--backlash-deg", metavar="DEG", min=0.0, help="Play of every joint.")
+        float,
+        typer.Option(
+            "--backlash-deg", metavar="DEG", min=0.0, help="Backlash of every joint [deg]."
+        ),
     ] = 0.0
     limb_mass_share: Annotated[
         float | None,
@@ -120,10 +142,14 @@ class SimulateOptions:
         ),
     ] = True
     speed: Annotated[
-        float, typer.Option("--speed", metavar="FACTOR", min=0.01, help="On the plan's pace.")
+        float,
+        typer.Option(
+            "--speed", metavar="FACTOR", min=0.01, help="Factor on the speed of the plan."
+        ),
     ] = 1.0
     pictures: Annotated[
-        bool, typer.Option("--pictures/--no-pictures", help="Whether to render pictures and film.")
+        bool,
+        typer.Option("--pictures/--no-pictures", help="Whether pictures and a film are rendered."),
     ] = True
     random_backlash_deg: Annotated[
         float,
@@ -131,7 +157,7 @@ class SimulateOptions:
             "--random-backlash-deg",
             metavar="DEG",
             min=0.0,
-            help="Largest backlash of the joints, drawn for each random run.",
+            help="Largest backlash of the joints [deg], drawn for each random run.",
         ),
     ] = 0.0
     regulate: Annotated[
@@ -145,7 +171,10 @@ class SimulateOptions:
         ),
     ] = None
     delay_ms: Annotated[
-        float, typer.Option("--delay-ms", metavar="MS", min=0.0, help="That corrections come late.")
+        float,
+        typer.Option(
+            "--delay-ms", metavar="MS", min=0.0, help="Delay of the regulator's corrections [ms]."
+        ),
     ] = 0.0
     joint_noise_deg: Annotated[
         float,
@@ -168,7 +197,7 @@ class SimulateOptions:
     ] = None
     allow_falls: Annotated[
         bool,
-        typer.Option("--allow-falls", help="End with 0 whatever the robot does, for studies."),
+        typer.Option("--allow-falls", help="Exit code 0 also where the robot falls, for studies."),
     ] = False
     push: Annotated[
         list[str] | None,
@@ -224,7 +253,12 @@ class SimulateOptions:
     ] = False
     workers: Annotated[
         int | None,
-        typer.Option("--workers", metavar="W", min=1, help="As --jobs, of --worlds."),
+        typer.Option(
+            "--workers",
+            metavar="W",
+            min=1,
+            help="Number of parallel workers of --worlds [default: --jobs].",
+        ),
     ] = None
     jobs: Jobs = 1
     seed: Seed = None

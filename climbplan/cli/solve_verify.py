@@ -29,7 +29,9 @@ def verify_program_file(
     """
     if is_certificate(path):
         if other_spec is not None:
-            raise UsageError("--spec: a certificate is of its own spec's numbers")
+            raise UsageError(
+                "--spec: a certificate is checked against its own numbers; leave --spec out"
+            )
         verify_certificate_file(path, name, as_json, session)
     elif is_program_dataset(path):
         verify_program_dataset(path, name, as_json, session)

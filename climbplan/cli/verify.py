@@ -17,7 +17,7 @@ UserSpec = Annotated[
     typer.Option(
         "--spec",
         metavar="SPEC",
-        help="Your own spec, in place of the one that the plan carries.",
+        help="Spec to verify against, in place of the one that the plan carries.",
     ),
 ]
 

@@ -30,10 +30,10 @@ def build_robot_page(
     """Return the page of a proposed robot.
 
     Args:
-        proposal: The robot.
-        brace: Its posture between walls; None without one.
-        outcomes: What became of each spec that uses the robot, and whether it is a plan.
-        visual_geometry: The URDF's, which the pictures show.
+        proposal: The robot with what was assumed for it.
+        brace: Posture between walls; None where the robot has none.
+        outcomes: For each spec that uses the robot what became of it, and whether it is a plan.
+        visual_geometry: Visual geometry of the URDF for the pictures; None draws links as lines.
     """
     robot = proposal.robot
     facts = measure_robot(robot)

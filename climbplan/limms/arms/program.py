@@ -116,8 +116,8 @@ class _ArmProgram:
         p, v, a = self._add_motion(guess, variable_entries, step)
         store.minimise("time", duration)
         continuous = sorted({*variable_entries, *self.varied})
-        store.equal("box.motion", (p[0] - self.last[0])[continuous])
-        store.equal("box.motion", (v[0] - self.last[1])[continuous])
+        store.equal("box.kinematics", (p[0] - self.last[0])[continuous])
+        store.equal("box.kinematics", (v[0] - self.last[1])[continuous])
         if phase.kind == "flight":
             gravity = ca.DM([0, 0, GRAVITY, 0][: len(phase.lower)])
             for acceleration in a:

@@ -202,7 +202,7 @@ def _check_dynamics(task: WalkTask, after: Array, state: Array) -> Iterator[Chec
         ("position", POSITION),
         ("velocity", VELOCITY),
         ("attitude", ANGLES),
-        ("spin", SPIN),
+        ("angular_velocity", SPIN),
     ):
         yield build_worst_check(task, f"dynamics.{name}", error[:, component].max(axis=1))
 

@@ -205,7 +205,9 @@ def test_the_climb_round_the_beam_keeps_every_swing_clear(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     scene = beam_scene()
-    monkeypatch.setattr(statement, "_KNEE_TOLERANCE", -0.012)  # a statement that asks for too little
+    monkeypatch.setattr(
+        statement, "_KNEE_TOLERANCE", -0.012
+    )  # a statement that asks for too little
     motion = plan_motion(scene, StageClock(lambda stage, fraction: None))
     assert motion.tightenings
     assert all("knee clearance asked" in note and "'beam'" in note for note in motion.tightenings)

@@ -102,13 +102,14 @@ def checks_page() -> str:
         head = ("check", "what holds", "passes up to")
         lines += [f"## {kind}", "", wrapped_table("stacked checks", head, rows)]
     of_books = [(declare("check", name), meaning) for name, meaning in MEANINGS.items()]
+    of_datasets = [(f"`{name}`", text) for name, text in DATASETS.items()]
     lines += [
         "And of each placement, to 0.01 mm in the formulation `contact`:",
         "",
         wrapped_table("stacked checks", ("check", "what holds"), of_books),
         "## Datasets",
         "",
-        table(("check", "what holds"), [(f"`{name}`", text) for name, text in DATASETS.items()]),
+        wrapped_table("stacked checks", ("check", "what holds"), of_datasets),
         "[Old names](renamed.md) of checks are listed on a page of their own.",
         "",
     ]
@@ -129,15 +130,15 @@ def renamed_page() -> str:
         rows = [
             (f"`{old}`", f"`{'.'.join([*old.split('.')[:-1], new])}`") for old, new in keys.items()
         ]
-        lines += [f"## Keys of `kind: {kind}`", "", table(("old", "new"), rows)]
+        lines += [f"## Keys of `kind: {kind}`", "", wrapped_table("stacked", ("old", "new"), rows)]
     methods = [
         (f"`{kind}`", f"`{old}`", f"`{new}`")
         for kind, names in RENAMED_METHODS.items()
         for old, new in names.items()
     ]
-    lines += ["## Methods", "", table(("kind", "old", "new"), methods)]
+    lines += ["## Methods", "", wrapped_table("stacked", ("kind", "old", "new"), methods)]
     checks = [(f"`{old}`", f"`{new}`") for old, new in RENAMED_CHECKS.items()]
-    lines += ["## Checks", "", table(("old", "new"), checks)]
+    lines += ["## Checks", "", wrapped_table("stacked", ("old", "new"), checks)]
     return "\n".join(lines)
 
 

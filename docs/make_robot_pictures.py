@@ -23,8 +23,8 @@ from robot_page import PACKAGE, SHIPPED, ShippedRobot, read_public_robots
 import climbplan
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.proposed.proposed import ProposalTrials
-from climbplan.robots.urdf.proposal.propose_robot import propose_robot
 from climbplan.robots.urdf.proposal.package_urdfs import find_package_urdf
+from climbplan.robots.urdf.proposal.propose_robot import propose_robot
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "robots"

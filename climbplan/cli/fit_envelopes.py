@@ -16,6 +16,15 @@ if TYPE_CHECKING:
 ENVELOPES_FILE = "envelopes.h5"
 _CONDITIONS = "   (1) meets  (2) excludes  (3) projects"
 
+EnvelopeMethod = Annotated[
+    str | None,
+    typer.Option(
+        "--method",
+        metavar="NAME",
+        help="Method: all, clustering, genetic or heuristic; sets `fit.method`.",
+    ),
+]
+
 
 def fit_envelopes(
     context: typer.Context,
@@ -24,14 +33,7 @@ def fit_envelopes(
     out: Out = None,
     assignments: Set = None,
     seed: Seed = None,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            "--method",
-            metavar="NAME",
-            help="Method: all, clustering, genetic or heuristic; sets `fit.method`.",
-        ),
-    ] = None,
+    method: EnvelopeMethod = None,
     jobs: Annotated[
         int,
         typer.Option(

@@ -20,6 +20,15 @@ if TYPE_CHECKING:
 
 MODEL_FILE = "model.h5"
 
+StrategyModelName = Annotated[
+    str | None,
+    typer.Option(
+        "--method",
+        metavar="NAME",
+        help="Model: knn, forest, boosting, network or reduce; sets `model.kind`.",
+    ),
+]
+
 
 def fit_strategy(
     context: typer.Context,
@@ -29,14 +38,7 @@ def fit_strategy(
     out: Out = None,
     assignments: Set = None,
     seed: Seed = None,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            "--method",
-            metavar="NAME",
-            help="Model: knn, forest, boosting, network or reduce; sets `model.kind`.",
-        ),
-    ] = None,
+    method: StrategyModelName = None,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,

@@ -14,6 +14,24 @@ from climbplan.errors import UsageError
 
 MOST_OPENING = 0.5  # [m]
 
+ScanSettings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        "-s",
+        metavar="KEY=VALUE",
+        help="Value for a key of terrain.scan, such as flatness=0.003; repeatable.",
+    ),
+]
+FingerOpening = Annotated[
+    float | None,
+    typer.Option(
+        "--holds",
+        metavar="OPENING",
+        help="Opening of a gripper's fingers [m]: find what it can hold, in place of regions.",
+    ),
+]
+
 
 def fit_terrain(
     context: typer.Context,
@@ -28,23 +46,8 @@ def fit_terrain(
             help="Output directory [default: outputs/<file's name>_terrain].",
         ),
     ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            "-s",
-            metavar="KEY=VALUE",
-            help="Value for a key of terrain.scan, such as flatness=0.003; repeatable.",
-        ),
-    ] = None,
-    holds: Annotated[
-        float | None,
-        typer.Option(
-            "--holds",
-            metavar="OPENING",
-            help="Opening of a gripper's fingers [m]: find what it can hold, in place of regions.",
-        ),
-    ] = None,
+    settings: ScanSettings = None,
+    holds: FingerOpening = None,
     no_report: NoReport = False,
     as_json: Json = False,
     quiet: Quiet = False,

@@ -13,6 +13,25 @@ from climbplan.cli.options import Force, Json, Out, Quiet, Seed, Set, Spec, Verb
 from climbplan.cli.quick import NoReport, QuickShelf, quick_overrides
 from climbplan.errors import ExitCode
 
+SceneJobs = Annotated[
+    int,
+    typer.Option(
+        "--jobs",
+        "-j",
+        metavar="N",
+        min=1,
+        help="Number of parallel workers for a file of scenes.",
+    ),
+]
+ShelfMethod = Annotated[
+    str | None,
+    typer.Option(
+        "--method",
+        metavar="NAME",
+        help="Method, such as exact; `climbplan schema bookshelf` lists all.",
+    ),
+]
+
 
 def solve_bookshelf(
     context: typer.Context,
@@ -21,28 +40,12 @@ def solve_bookshelf(
     out: Out = None,
     assignments: Set = None,
     seed: Seed = None,
-    jobs: Annotated[
-        int,
-        typer.Option(
-            "--jobs",
-            "-j",
-            metavar="N",
-            min=1,
-            help="Number of parallel workers for a file of scenes.",
-        ),
-    ] = 1,
+    jobs: SceneJobs = 1,
     time_limit: Annotated[
         float | None,
         typer.Option("--time-limit", metavar="SECONDS", help="Time limit of one scene [s]."),
     ] = None,
-    method: Annotated[
-        str | None,
-        typer.Option(
-            "--method",
-            metavar="NAME",
-            help="Method, such as exact; `climbplan schema bookshelf` lists all.",
-        ),
-    ] = None,
+    method: ShelfMethod = None,
     solver: Annotated[
         str | None,
         typer.Option("--solver", metavar="NAME", help="Solver, for methods that have several."),

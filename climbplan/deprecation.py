@@ -119,16 +119,16 @@ def current_method_name(kind: str, name: str, stacklevel: int | None = None) -> 
     return new
 
 
-def current_check_name(name: str, known: Collection[str], stacklevel: int = 4) -> str:
+def current_check_name(name: str, names: Collection[str], stacklevel: int = 4) -> str:
     """Return the name under which a check or block is known, with a warning for an old one.
 
     Args:
         name: Name as the user wrote it, old or new.
-        known: Names that exist; one that is among them is never translated.
+        names: Names that exist; one that is among them is never translated.
         stacklevel: Level of the user's code, as `warnings.warn` counts it from `warn_renamed`.
     """
     new = RENAMED_CHECKS.get(name)
-    if name in known or new is None or new not in known:
+    if name in names or new is None or new not in names:
         return name
     warn_renamed(f"the check `{name}`", f"`{new}`", stacklevel)
     return new

@@ -191,7 +191,7 @@ class NoPlanFound(ClimbplanError):
     def _headline(self) -> str:
         """Return the message, its first line with the nearest change if many lines follow it."""
         num_lines = self.message.count("\n") + 1 + len(self.conflicts)
-        first, newline, rest = self.message.partition("\n")
+        first, newline, details = self.message.partition("\n")
         if num_lines < _MIN_LINES_FOR_CHANGE or "--set" in first:
             return self.message
         if nearest := next((c for c in self.conflicts if c.remedies), None):
@@ -201,7 +201,7 @@ class NoPlanFound(ClimbplanError):
         else:
             return self.message
         colon = ":" if first.endswith(":") else ""
-        return f"{first.removesuffix(':')}{change}{colon}{newline}{rest}"
+        return f"{first.removesuffix(':')}{change}{colon}{newline}{details}"
 
     @property
     def remedies(self) -> tuple[Remedy, ...]:

@@ -52,12 +52,12 @@ def require_context(
             f"{where}: made for problem {context.get('problem')!r}, not for bookshelves"
         )
     if context.get("features") not in ("gaps", "raw"):
-        found = context.get("features")
-        raise UsageError(f"{where}: expected features 'gaps' or 'raw', got {found!r}")
-    for key, shown in (("books", "books"), ("meaning", "formulation")):
+        features = context.get("features")
+        raise UsageError(f"{where}: expected features 'gaps' or 'raw', got {features!r}")
+    for key, label in (("books", "books"), ("meaning", "formulation")):
         if context.get(key) != expected_context[key]:
             raise UsageError(
-                f"{where}: made for {shown} {_truncate_repr(context.get(key))}, "
+                f"{where}: made for {label} {_truncate_repr(context.get(key))}, "
                 f"here it is {expected_context[key]!r}"
             )
     shelf_values, expected_values = (

@@ -72,11 +72,11 @@ class TerrainRows:
         spec, statement = self._spec, self._statement
         begin = time.perf_counter()
         wants_feasible = bool(rng.random() < spec.feasible_fraction)
-        wanted = "a feasible terrain" if wants_feasible else "an infeasible terrain"
+        description = "a feasible terrain" if wants_feasible else "an infeasible terrain"
         for num_tried in range(1, spec.max_attempts + 1):
             if time.perf_counter() - begin > spec.solver.time_limit:
                 raise LimitReached(
-                    f"{wanted} was not drawn within {spec.solver.time_limit:g} s "
+                    f"{description} was not drawn within {spec.solver.time_limit:g} s "
                     "(problem.solver.time_limit)"
                 )
             patches = self._terrains.sample(rng)
@@ -95,7 +95,7 @@ class TerrainRows:
             duration = time.perf_counter() - begin
             return DecidedTerrain(patches, answer.status, x, answer.nodes, num_tried, duration)
         raise LimitReached(
-            f"{wanted} was not drawn in {spec.max_attempts} draws (problem.max_attempts)"
+            f"{description} was not drawn in {spec.max_attempts} draws (problem.max_attempts)"
         )
 
     def parameters(self, terrain: DecidedTerrain) -> Array:

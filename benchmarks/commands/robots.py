@@ -35,9 +35,17 @@ def zoo(
     count: Annotated[
         int | None, number_option("--count", "Postures that the second method draws.")
     ] = None,
+    columns: Annotated[
+        str | None,
+        name_option(
+            "--columns",
+            "NAMES",
+            "Tasks, by commas: ground, stairs, chimney, wall, forward, turn [all].",
+        ),
+    ] = None,
     jobs: Jobs = 1,
 ) -> Mapping[str, Any]:
     """Robots of example-robot-data from URDF to verified plans, and in MuJoCo."""
     from benchmarks.zoo.run import bench_zoo
 
-    return bench_zoo(run.quick, run.stream, scenes, out, methods, seed, count, jobs)
+    return bench_zoo(run.quick, run.stream, scenes, out, methods, seed, count, jobs, columns)

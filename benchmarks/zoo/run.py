@@ -40,23 +40,25 @@ def bench_zoo(
     seed: int = 0,
     count: int | None = None,
     jobs: int = 1,
+    columns: str | None = None,
 ) -> dict[str, Any]:
     """Print one line a robot, one robot with `quick`; return the rows.
 
-    names: of robots, by commas. folder: rows and robot files are kept there, and rows that are
-    there already are not made again. tables: `plans`, and `refusals` for what a second method says
-    of those, by `count` postures drawn with `seed`. jobs: robots at a time. Raises UsageError for
-    other names, and without the package.
+    names: of robots, by commas. columns: tasks that are planned, by commas; all if left out.
+    folder: rows and robot files are kept there, and rows that are there already are not made again.
+    tables: `plans`, and `refusals` for what a second method says of those, by `count` postures
+    drawn with `seed`. jobs: robots at a time. Raises UsageError for other names, and without the
+    package.
     """
     asked = [one.strip() for one in (tables or TABLES[0]).split(",")]
     if unknown := [one for one in asked if one not in TABLES]:
         raise UsageError(f"`zoo` --methods: no table {unknown[0]!r}, known are {', '.join(TABLES)}")
-    chosen = _chosen(quick, names)
+    chosen, tasks = _chosen(quick, names), _choose_columns(columns)
     rows = [] if folder is None else kept(folder)
     head = f"{'robot':<15}  {'kg':>5}  {'legs':>4}  {'first s':>7}"
     print(head + "".join(f"  {column:>{_WIDTH}}" for column in COLUMNS), file=out)
     there = {(row.robot, row.column) for row in rows}
-    dues = [(zoo, [c for c in COLUMNS if (zoo.name, c) not in there]) for zoo in chosen]
+    dues = [(zoo, [c for c in tasks if (zoo.name, c) not in there]) for zoo in chosen]
     ended = {zoo.name for zoo, due in dues if not due}
     waiting = _told([zoo.name for zoo in chosen], ended, rows, out)
     with ExitStack() as stack:
@@ -101,6 +103,15 @@ def _chosen(quick: bool, names: str | None) -> list[Zoo]:
     return [known[name] for name in asked]
 
 
+def _choose_columns(columns: str | None) -> list[str]:
+    """Return the tasks of the table that are planned; raises UsageError for other names."""
+    names = [name.strip() for name in (columns or ",".join(COLUMNS)).split(",")]
+    if unknown := [name for name in names if name not in COLUMNS]:
+        listed = ", ".join(COLUMNS)
+        raise UsageError(f"`zoo` --columns: no task {unknown[0]!r}, known are {listed}")
+    return [column for column in COLUMNS if column in names]
+
+
 def _rows(zoo: Zoo, columns: Sequence[str], files: Path) -> list[Row]:
     """Everything asked of one robot; its robot file is written in `files`."""
     begin = time.process_time()
@@ -135,7 +146,10 @@ def _line(rows: list[Row]) -> str:
     first, spent = "-", 0.0
     ends = []
     for column in COLUMNS:
-        row = by_column[column]
+        row = by_column.get(column)
+        if row is None:
+            ends.append("not run")
+            continue
         spent += row.cpu
         if row.planned and first == "-":
             first = f"{row.proposed + spent:.1f}"

@@ -49,6 +49,16 @@ def test_what_is_kept_is_not_made_again(tmp_path: Path) -> None:
     assert lines[3] == f"  Solo12, chimney: {why}"
 
 
+def test_tasks_that_are_not_asked_for_are_not_run(tmp_path: Path) -> None:
+    keep(tmp_path, [row("Solo12", "ground")])
+    out = io.StringIO()
+    record = bench_zoo(True, out, folder=tmp_path, columns="ground")
+    assert out.getvalue().splitlines()[1].count("not run") == len(COLUMNS) - 1
+    assert [one["column"] for one in record["rows"]] == ["ground"]
+    with pytest.raises(UsageError, match="no task 'sky', known are ground"):
+        bench_zoo(True, out, folder=tmp_path, columns="ground, sky")
+
+
 def test_a_robot_that_nothing_can_be_proposed_for(package: None, tmp_path: Path) -> None:
     out = io.StringIO()
     bench_zoo(False, out, "Solo", tmp_path)

@@ -44,7 +44,11 @@ class DeclarationRole(ReferenceRole):
         domain = self.env.domains["spec"]
         kind = self.name.rpartition(":")[2]
         anchor = make_anchor(kind, self.target)
-        domain.data["names"].append((kind, self.target, self.env.docname, anchor))
+        page = self.env.docname
+        # Checks of several families have one name, and a row each
+        while (kind, self.target, page, anchor) in domain.data["names"]:
+            anchor += "-again"
+        domain.data["names"].append((kind, self.target, page, anchor))
         link = nodes.reference("", "", internal=True, refid=anchor, ids=[anchor])
         shown = nodes.inline if kind in TITLED else nodes.literal
         link += shown(self.title, self.title)

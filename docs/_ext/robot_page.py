@@ -169,8 +169,8 @@ def robots_page(docs: Path) -> str:
         f"`pip install {PACKAGE}` brings their URDFs. Legs, toes, postures and stiffness are",
         "proposed from the URDF; nothing is typed by hand. What they do is what",
         f"`python -m benchmarks zoo` planned and verified on {described['date'][:10]}; the",
-        "[benchmark page](benchmarks.md#zoo) says how each plan ends in simulation, what was refused",
-        "for which reason, and what was not run.",
+        "[benchmark page](benchmarks.md#zoo) says how each plan ends in simulation, why others",
+        "were refused, and what was not run.",
         "",
     ]
     lines.append(write_cards(_public_card(robot, docs) for robot in read_public_robots(record)))

@@ -131,7 +131,7 @@ class _ArmProgram:
         self.outputs += [duration, *(ca.horzcat(*rows).T for rows in (p, v, a))]
 
     def _add_motion(
-        self, guess: PhaseTrajectory, variable_entries: Sequence[int], step: ca.MX
+        self, guess: PhaseTrajectory, variable_entries: list[int], step: ca.MX
     ) -> tuple[list[ca.MX], list[ca.MX], list[ca.MX]]:
         """Add a chain of cubics whose control points are in the phase's free block.
 

@@ -260,6 +260,15 @@ TAMPERED: dict[str, tuple[Change, set[str], set[str]]] = {
 }  # fmt: skip
 
 
+def test_a_plan_with_old_names_of_method_and_keys_verifies(path: Path) -> None:
+    with h5py.File(path, "r+") as file:
+        spec_with("kind: bookshelf", "kind: bookshelf\nmeaning: contact")(file)
+        attribute("/", "method", "micp")(file)
+        spec_with("kind: bookshelf", "kind: bookshelf\nsolver: {method: micp}")(file)
+    assert read_shelf_plan(path).method == "mccormick"
+    assert verify(path).passed
+
+
 @pytest.mark.parametrize("name", TAMPERED)
 def test_tampering_is_noticed(path: Path, name: str) -> None:
     change, must, may = TAMPERED[name]

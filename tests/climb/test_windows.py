@@ -14,7 +14,7 @@ import climbplan
 from benchmarks.climb.triangle_walls import triangles
 from climbplan.api.plan import Plan
 from climbplan.climb.clearance.swing import SwingCollision
-from climbplan.climb.motion import motion
+from climbplan.climb.motion import motion, tightening
 from climbplan.climb.motion.motion import StageClock
 from climbplan.climb.postures.cost_bound import bound_posture_cost
 from climbplan.climb.postures.planner import plan_postures
@@ -192,7 +192,7 @@ def test_methods_that_plan_all_at_once_are_refused(tmp_path: Path) -> None:
 def test_a_limb_that_meets_the_body_on_its_swing_is_planned_nearer_its_stance(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    passed: Any = motion._plan_clear_swings
+    passed: Any = tightening.plan_swing_paths
     met: list[bool] = []
 
     def meets_once(*given: object) -> object:
@@ -201,7 +201,7 @@ def test_a_limb_that_meets_the_body_on_its_swing_is_planned_nearer_its_stance(
         met.append(True)
         raise SwingCollision(2, "round 1, RR lifted", "RR's femur would be 3.0 mm deep in the body")
 
-    monkeypatch.setattr(motion, "_plan_clear_swings", meets_once)
+    monkeypatch.setattr(tightening, "plan_swing_paths", meets_once)
     found = motion.plan_motion(scene_of(NUMBERED), StageClock(lambda stage, fraction: None))
     assert len(found.tightenings) == 1
     assert found.tightenings[0].startswith("workspace of RR tightened: round 1, RR lifted")

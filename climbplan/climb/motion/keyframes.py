@@ -6,7 +6,9 @@ clear of the terrain, lower, press (they take load again), push (the body moves 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -227,97 +229,154 @@ def build_keyframes(
     forces: InstantForces,
     paths: tuple[Array, ...],
 ) -> Keyframes:
-    names = scene.robot.limb_names
-    loads_at_instants = _build_loads(
+    """Build the keyframes of a motion; `paths` are the way points of each limb's swings."""
+    loads = _build_loads(
         scene, instants, _get_contact_forces(forces), forces.com_deflection, forces.grips
     )
-    arrival_loads = _solve_arriving_loads(scene, instants, loads_at_instants)
-    placing_loads = _solve_placing_loads(scene, instants, loads_at_instants)
-    com, rpy, toes = [rounds.com[0]], [rounds.rpy[0]], [rounds.toes[0]]
-    normal = [instants.normal[0]]
-    load = [_solve_start_load(scene, rounds, instants)]
-    contact: list[BoolArray] = []
-    region: list[IntArray] = []
-    fractions: list[float] = []
-    label: list[str] = []
-    remaining_paths = iter(paths)
-    everyone = np.ones(len(names), bool)
-
-    def add_frame(
-        positions: Array,
-        normals_under: Array,
-        frame_load: KeyframeLoad,
-        in_contact: BoolArray,
-        fraction: float,
-        name: str,
-        surface_instant: int,
-    ) -> None:
-        com.append(com[-1])
-        rpy.append(rpy[-1])
-        toes.append(positions)
-        normal.append(normals_under)
-        load.append(frame_load)
-        contact.append(in_contact)
-        region.append(instants.region[surface_instant])
-        fractions.append(fraction)
-        label.append(name)
-
+    arrival_loads = _solve_arriving_loads(scene, instants, loads)
+    placing_loads = _solve_placing_loads(scene, instants, loads)
+    start_load = _solve_start_load(scene, rounds, instants)
+    start = _Frame(rounds.com[0], rounds.rpy[0], rounds.toes[0], instants.normal[0], start_load)
+    sequence = _FrameSequence(instants, [start])
     if (instants.com[0] != rounds.com[0]).any():  # over the limbs that stay at the first lift
-        ready = _solve_ready_load(scene, rounds, instants)
-        add_frame(toes[0], normal[0], ready, everyone, _PUSH, "first shift", 0)
-        com[-1], rpy[-1] = instants.com[0], instants.rpy[0]
+        sequence.add(
+            start.toes,
+            start.normal,
+            _solve_ready_load(scene, rounds, instants),
+            contact=np.ones(scene.robot.limb_count, bool),
+            fraction=_PUSH,
+            label="first shift",
+            surface_instant=0,
+            pose_instant=0,
+        )
+    remaining_paths = iter(paths)
     for k in range(0, instants.count, 2):
-        limbs = np.flatnonzero(instants.lifted[k])
-        name = instants.label(k, names)
-        standing = ~instants.lifted[k]
-        old, new = toes[-1], instants.toes[k + 1]
-        old_normal, normals_under = instants.normal[k], instants.normal[k + 1]
-        path = merge_paths([next(remaining_paths) for _ in limbs])  # (P, limbs, 3)
-
-        def move_toes(points: Array, standing: Array = old, limbs: IntArray = limbs) -> Array:
-            out = standing.copy()
-            out[limbs] = points
-            return out
-
-        add_frame(old, old_normal, loads_at_instants[k], everyone, _UNLOAD, name, k)
-        path_normals = _interpolate_normals(scene, old_normal, normals_under, len(path))
-        add_frame(
-            move_toes(path[0]), path_normals[0], loads_at_instants[k], standing, _LIFT, name, k
+        path = merge_paths([next(remaining_paths) for _ in np.flatnonzero(instants.lifted[k])])
+        step_loads = _StepLoads(
+            loads[k], arrival_loads[k // 2], placing_loads[k // 2], loads[k + 1]
         )
-        shares = compute_path_fractions(len(path)).tolist()
-        for path_fraction, points, normals in zip(
-            shares[1:], path[1:], path_normals[1:], strict=True
-        ):
-            swing_load = loads_at_instants[k].interpolate(arrival_loads[k // 2], path_fraction)
-            add_frame(
-                move_toes(points), normals, swing_load, standing, _SWING / (len(path) - 1), name, k
-            )
-        add_frame(new, normals_under, arrival_loads[k // 2], standing, _LOWER, name, k)
-        add_frame(new, normals_under, placing_loads[k // 2], everyone, _PRESS, name, k + 1)
-        add_frame(
-            new,
-            normals_under,
-            loads_at_instants[k + 1],
-            everyone,
-            _PUSH,
-            instants.label(k + 1, names),
-            k + 1,
+        _add_limb_step(sequence, scene, k, path, step_loads)
+    return sequence.build_keyframes()
+
+
+class _Frame(NamedTuple):
+    """The state at the end of a segment."""
+
+    com: Array  # (3,)
+    rpy: Array  # (3,)
+    toes: Array  # (N, 3)
+    normal: Array  # (N, 3)
+    load: KeyframeLoad
+
+
+class _Segment(NamedTuple):
+    """What holds between two frames."""
+
+    contact: BoolArray  # (N,) toes on their surface
+    region: IntArray  # (N,) of these surfaces
+    duration_fraction: float  # nominal part of one limb step's time
+    label: str
+
+
+class _StepLoads(NamedTuple):
+    """The loads of one limb step."""
+
+    lift: KeyframeLoad  # of the limbs that stay in contact
+    arrival: KeyframeLoad  # the same at the end of the swing
+    placing: KeyframeLoad  # of all limbs, before the body moves on
+    push: KeyframeLoad  # of all limbs, after it moved on
+
+
+@dataclass
+class _FrameSequence:
+    """Frames in the order of motion, and the segments that lead from each to the next."""
+
+    instants: Instants
+    frames: list[_Frame]
+    segments: list[_Segment] = field(default_factory=list)
+
+    def add(
+        self,
+        toes: Array,
+        normal: Array,
+        load: KeyframeLoad,
+        *,
+        contact: BoolArray,
+        fraction: float,
+        label: str,
+        surface_instant: int,
+        pose_instant: int | None = None,
+    ) -> None:
+        """Add a frame and the segment to it.
+
+        Args:
+            toes: (N, 3) toes at the frame.
+            normal: (N, 3) normals of their surfaces.
+            load: The load at the frame.
+            contact: (N,) toes on their surface during the segment.
+            fraction: Nominal part of one limb step's time.
+            label: Place of the segment in the gait.
+            surface_instant: Instant whose surfaces the toes are on.
+            pose_instant: Instant whose body pose the frame has; None keeps the last frame's.
+        """
+        instants, last = self.instants, self.frames[-1]
+        pose = last.com, last.rpy
+        if pose_instant is not None:
+            pose = instants.com[pose_instant], instants.rpy[pose_instant]
+        self.frames.append(_Frame(*pose, toes, normal, load))
+        region = instants.region[surface_instant]
+        self.segments.append(_Segment(contact, region, fraction, label))
+
+    def build_keyframes(self) -> Keyframes:
+        """Stack all frames and segments."""
+        com, rpy, toes, normal, loads = zip(*self.frames, strict=True)
+        contact, region, fractions, labels = zip(*self.segments, strict=True)
+        return Keyframes(
+            np.array(com),
+            np.array(rpy),
+            np.array(toes),
+            np.array([load.force for load in loads]),
+            np.array([load.carried for load in loads]),
+            np.array(normal),
+            np.array([load.contact_state for load in loads]),
+            np.array([load.weight for load in loads]),
+            np.array(contact),
+            np.array(region),
+            np.array(fractions),
+            labels,
         )
-        com[-1], rpy[-1] = instants.com[k + 1], instants.rpy[k + 1]
-    return Keyframes(
-        np.array(com),
-        np.array(rpy),
-        np.array(toes),
-        np.array([frame.force for frame in load]),
-        np.array([frame.carried for frame in load]),
-        np.array(normal),
-        np.array([frame.contact_state for frame in load]),
-        np.array([frame.weight for frame in load]),
-        np.array(contact),
-        np.array(region),
-        np.array(fractions),
-        tuple(label),
-    )
+
+
+def _add_limb_step(
+    sequence: _FrameSequence, scene: MotionScene, k: int, path: Array, loads: _StepLoads
+) -> None:
+    """Add the frames of the limb step that instant k begins: unload to push.
+
+    path: (P, limbs, 3) way points of the limbs that are lifted.
+    """
+    instants, names = sequence.instants, scene.robot.limb_names
+    is_lifted, everyone = instants.lifted[k], np.ones(len(names), bool)
+    old, new = sequence.frames[-1].toes, instants.toes[k + 1]
+    old_normal, new_normal = instants.normal[k], instants.normal[k + 1]
+
+    def move_toes(points: Array) -> Array:
+        toes = old.copy()
+        toes[is_lifted] = points
+        return toes
+
+    add = partial(sequence.add, label=instants.label(k, names), surface_instant=k)
+    add(old, old_normal, loads.lift, contact=everyone, fraction=_UNLOAD)
+    add = partial(add, contact=~is_lifted)
+    normals = _interpolate_normals(scene, old_normal, new_normal, len(path))
+    add(move_toes(path[0]), normals[0], loads.lift, fraction=_LIFT)
+    swing_fractions = compute_path_fractions(len(path)).tolist()
+    for i in range(1, len(path)):
+        load = loads.lift.interpolate(loads.arrival, swing_fractions[i])
+        add(move_toes(path[i]), normals[i], load, fraction=_SWING / (len(path) - 1))
+    add(new, new_normal, loads.arrival, fraction=_LOWER)
+    add = partial(sequence.add, new, new_normal, contact=everyone, surface_instant=k + 1)
+    add(loads.placing, fraction=_PRESS, label=instants.label(k, names))
+    add(loads.push, fraction=_PUSH, label=instants.label(k + 1, names), pose_instant=k + 1)
 
 
 def _interpolate_normals(scene: MotionScene, was: Array, under: Array, count: int) -> Array:

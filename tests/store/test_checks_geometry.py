@@ -70,7 +70,7 @@ def test_standing_limbs_find_the_angles_back(climb: Climb) -> None:
     # A toe below its shoulder says nothing about the coxa.
     reach = limbs.toe - limbs.joints[..., 0, :]
     beside = np.linalg.norm(np.cross(reach, limbs.axes[..., 0, :]), axis=-1) > 5e-3
-    standing = solve_standing_limbs(robot, com, axes, limbs.toe, alike, alike)
+    standing = solve_standing_limbs(robot, com, axes, limbs.toe, initial=alike, command=alike)
     assert beside.mean() > 0.95
     np.testing.assert_allclose(standing.angles[beside], angles[beside], atol=1e-7)
     np.testing.assert_allclose(standing.points[beside], limbs.points[beside], atol=1e-9)
@@ -84,7 +84,7 @@ def test_missing_reach_is_measured(climb: Climb) -> None:
     limbs = build_limbs(robot, com, axes, angles)
     shin = limbs.toe - limbs.joints[:, 2]
     beyond = limbs.toe + 0.01 * shin / np.linalg.norm(shin, axis=1, keepdims=True)
-    standing = solve_standing_limbs(robot, com, axes, beyond, angles, angles)
+    standing = solve_standing_limbs(robot, com, axes, beyond, initial=angles, command=angles)
     np.testing.assert_allclose(standing.missing, 0.01, atol=1e-9)
 
 

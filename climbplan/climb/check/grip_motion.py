@@ -9,6 +9,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.check.anew.grips import (
     PART_NAMES,
+    GripForcesByPart,
     bound_spine_forces,
     build_holds,
     compute_part_forces,
@@ -16,7 +17,8 @@ from climbplan.climb.check.anew.grips import (
 )
 from climbplan.climb.check.anew.kinematics import Limbs
 from climbplan.climb.check.subject import Subject
-from climbplan.robots.gripper import WRIST_JOINTS
+from climbplan.climb.plan.grips import GripForces
+from climbplan.robots.gripper import WRIST_JOINTS, Gripper
 from climbplan.verification.check import Check, judge_worst
 
 _SHEAR_TOLERANCE = 1e-6  # of the weight
@@ -57,29 +59,59 @@ def check_grips_in_motion(
     region, normal = plan.instants.region[instant], plan.instants.normal[instant]
     bounds = bound_spine_forces(grips.model, grips.risk, holds)
     part_forces = compute_part_forces(
-        force, grips.trajectory, normal, region, holds, bounds, gripper.finger_span
+        force,
+        grips.trajectory,
+        normal,
+        region,
+        holds=holds,
+        spines=bounds,
+        span=gripper.finger_span,
     )
+    weight = subject.weight
+    yield _judge_shear(part_forces, standing, weight, describe_place)
+    force_error = np.linalg.norm(force - grips.trajectory_force, axis=-1) / weight
+    yield judge_worst("trajectory.contact_force", force_error, describe_place)
+    yield _judge_gripping(gripper, grips.trajectory, standing, describe_place)
+    moment = compute_wrist_moment(subject, normal)
+    assert moment is not None
+    link = limbs.compute_link_frame()
+    angles = _solve_wrist_angles(link, -normal, holds.axis[region])
+    torque = np.einsum("tnji,tni->tnj", compute_wrist_axes(link, angles), moment)
+    yield from _judge_wrists(gripper, angles, torque, standing, describe_place)
+
+
+def _judge_shear(
+    part_forces: GripForcesByPart,
+    standing: BoolArray,
+    weight: float,
+    describe_place: Callable[..., str],
+) -> Check:
+    """Check that palms press and that friction and spines carry the shear of each part."""
     is_standing = standing[..., None]
     excess = np.where(
         is_standing,
         np.maximum(part_forces.shear - part_forces.max_shear, -part_forces.pressure),
         -np.inf,
     )
-    is_sheared = is_standing & (part_forces.shear > _SHEAR_TOLERANCE * subject.weight)
+    is_sheared = is_standing & (part_forces.shear > _SHEAR_TOLERANCE * weight)
     shear_ratio = np.where(is_sheared, part_forces.compute_shear_ratio(), 0.0)
 
     def describe_part(sample: int, limb: int, index: int) -> str:
         return f"{describe_place(sample, limb)} {PART_NAMES[index]}"
 
     margin = f"S_mu {1 / shear_ratio.max():.2f}" if shear_ratio.any() else "no shear"
-    yield judge_worst(
-        "trajectory.grip_shear", excess / subject.weight, describe_part, margin, used=shear_ratio
+    return judge_worst(
+        "trajectory.grip_shear", excess / weight, describe_part, margin, used=shear_ratio
     )
-    force_error = np.linalg.norm(force - grips.trajectory_force, axis=-1) / subject.weight
-    yield judge_worst("trajectory.contact_force", force_error, describe_place)
-    grip_force = grips.trajectory.grip
-    idle_grip = np.where(standing, 0.0, np.abs(grips.trajectory.packed_array).max(axis=-1))
-    yield judge_worst(
+
+
+def _judge_gripping(
+    gripper: Gripper, grips: GripForces, standing: BoolArray, describe_place: Callable[..., str]
+) -> Check:
+    """Check that standing limbs grip within their force, and others do not grip."""
+    grip_force = grips.grip
+    idle_grip = np.where(standing, 0.0, np.abs(grips.packed_array).max(axis=-1))
+    return judge_worst(
         "trajectory.grip_force",
         np.maximum(np.maximum(grip_force - gripper.max_force, -grip_force), idle_grip),
         describe_place,
@@ -87,11 +119,20 @@ def check_grips_in_motion(
         used=grip_force / gripper.max_force if gripper.max_force > 0 else np.zeros_like(grip_force),
     )
 
+
+def _judge_wrists(
+    gripper: Gripper,
+    angles: Array,
+    torque: Array,
+    standing: BoolArray,
+    describe_place: Callable[..., str],
+) -> Iterator[Check]:
+    """Yield the checks of angles and torques (T, N, 3) of wrists."""
+    is_standing = standing[..., None]
+
     def describe_joint(sample: int, limb: int, index: int) -> str:
         return f"{describe_place(sample, limb)} {WRIST_JOINTS[index]}"
 
-    link = limbs.compute_link_frame()
-    angles = _solve_wrist_angles(link, -normal, holds.axis[region])
     bound_violation = np.maximum(gripper.wrist_lower - angles, angles - gripper.wrist_upper)
     bound_violation = np.where(is_standing, bound_violation, -np.inf)
     half_range = (gripper.wrist_upper - gripper.wrist_lower) / 2
@@ -100,9 +141,6 @@ def check_grips_in_motion(
     yield judge_worst(
         "trajectory.wrist_bounds", bound_violation, describe_joint, margin, used=bound_ratio
     )
-    moment = compute_wrist_moment(subject, normal)
-    assert moment is not None
-    torque = np.einsum("tnji,tni->tnj", compute_wrist_axes(link, angles), moment)
     torque_ratio = np.where(is_standing, np.abs(torque) / gripper.wrist_max_torque, 0.0)
     max_torque = np.where(is_standing, np.abs(torque), 0.0).max()
     yield judge_worst(

@@ -245,9 +245,9 @@ def _compute_part_forces(
         grips.instants,
         instants.normal,
         instants.region,
-        holds,
-        bounds,
-        gripper.finger_span,
+        holds=holds,
+        spines=bounds,
+        span=gripper.finger_span,
     )
 
 

@@ -38,6 +38,7 @@ def compute_motion_forces(
     robot: Robot,
     com: Array,
     axes: Array,
+    *,
     standing: HeldLimbs,
     command: Array,
     contact: BoolArray,

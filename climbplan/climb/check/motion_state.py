@@ -82,7 +82,14 @@ def reconstruct_motion(subject: Subject) -> MotionState:
         next_round=np.where(lifted, _find_foothold_rounds(gait, num_placed + 1), -1),
         commanded=commanded,
         standing=solve_standing_limbs(
-            robot, trajectory.com, axes, ground, planned, trajectory.joint_command, arm, soles
+            robot,
+            trajectory.com,
+            axes,
+            ground,
+            initial=planned,
+            command=trajectory.joint_command,
+            arm=arm,
+            soles=soles,
         ),
     )
 

@@ -35,13 +35,13 @@ def check_pressing(motion: MotionState) -> Iterator[Check]:
         robot,
         trajectory.com,
         compute_body_axes(trajectory.rpy),
-        motion.standing,
-        trajectory.joint_command,
-        ~motion.lifted,
-        compute_load(motion),
-        compute_wrist_moment(motion.subject, normal),
-        motion.arm,
-        motion.soles is not None,
+        standing=motion.standing,
+        command=trajectory.joint_command,
+        contact=~motion.lifted,
+        load=compute_load(motion),
+        moment=compute_wrist_moment(motion.subject, normal),
+        arm=motion.arm,
+        is_flat=motion.soles is not None,
     )
     deflection = _measure_deflections(motion_forces.deflection)
     yield judge_worst(

@@ -143,24 +143,8 @@ def _locate_along_link(capsule: Capsule, distance_from_toe: Array) -> Array:
 
 def _measure_end_shortfall(capsule: Capsule, contacts: PoseFootholds, scan: RawSurface) -> Array:
     """Return the clearance (P,) that the end of a limb lacks, from scan and footholds."""
-    radius = capsule.radius
-    full_radius_distance = max((radius + scan.flatness) / SLENDER, NARROW)
-    touching_distance = 2 * scan.flatness + _TOE_TOLERANCE
-    cut_distances = np.unique(
-        np.concatenate(
-            [
-                [0.0],
-                np.linspace(touching_distance, NARROW, _NUM_NARROW_PIECES + 1),
-                np.linspace(NARROW, full_radius_distance, _NUM_SLENDER_PIECES + 1),
-            ]
-        )
-    )
-    link_extent = capsule.to_toe + _measure_length(capsule)
-    is_present = (cut_distances[1:] >= capsule.to_toe) & (
-        cut_distances[:-1] <= link_extent
-    )  # parts that the axis has
-    cuts = _locate_along_link(capsule, cut_distances)  # (P, Q + 1, 3), from the toe on
-    free_clearance = np.where(cut_distances[1:] > NARROW + 1e-9, radius, 0.0)  # (Q,)
+    end = _cut_limb_end(capsule, scan)
+    cuts = end.cuts
     places, normals = contacts.places[:, capsule.limb], contacts.normals[:, capsule.limb]
     contact_features = np.concatenate([places, normals], axis=1).reshape(len(cuts), -1)
     groups, member = np.unique(
@@ -172,48 +156,86 @@ def _measure_end_shortfall(capsule: Capsule, contacts: PoseFootholds, scan: RawS
         rows = rows[np.isfinite(cuts[rows]).all(axis=(1, 2))]
         if not len(rows):
             continue
-        group_cuts = cuts[rows].reshape(-1, 3)
-        reach = radius + REPORTED_CLEARANCE
-        corners = scan.corners[
-            find_overlapping_triangles(
-                scan.corners, group_cuts.min(0) - reach, group_cuts.max(0) + reach
-            )
-        ]
         first = rows[0]
-        at_first = zip(places[first], normals[first], strict=True)
-        contact_triangles = [_find_contact_triangles(corners, p, n, scan) for p, n in at_first]
-        for membership in ((False, False), (True, False), (False, True), (True, True)):
-            triangles = corners[
-                (contact_triangles[0] == membership[0]) & (contact_triangles[1] == membership[1])
-            ]
-            if not len(triangles):
-                continue
-            required = np.broadcast_to(free_clearance, (len(rows), len(free_clearance))).copy()
-            contact_distance = np.linalg.norm(cuts[rows, :2, None] - places[first], axis=-1).max(
-                axis=1
-            )
-            required[
-                (contact_distance <= touching_distance + 1e-9).any(axis=-1), 0
-            ] = -1.0  # the tip, where it stands
-            for place, is_member in zip(places[first], membership, strict=True):
-                if is_member:
-                    required = np.minimum(
-                        required,
-                        _compute_required_clearance(cuts[rows], place, scan.flatness, radius),
-                    )
-            required[:, ~is_present] = -1.0
-            begin, end = cuts[rows, :-1].reshape(-1, 3), cuts[rows, 1:].reshape(-1, 3)
-            required_flat = required.reshape(-1)
-            required_pieces = np.flatnonzero(required_flat >= 0)
-            piece_gap = measure_triangle_distances(
-                begin[required_pieces], end[required_pieces], triangles, reach
-            )
-            np.maximum.at(
-                shortfall,
-                rows[required_pieces // required.shape[1]],
-                required_flat[required_pieces] - piece_gap,
-            )
+        shortfall[rows] = _measure_group_shortfall(
+            replace(end, cuts=cuts[rows]), places[first], normals[first], scan
+        )
     return np.where(np.isfinite(cuts).all(axis=(1, 2)), shortfall, np.nan)
+
+
+@dataclass(frozen=True)
+class _LimbEnd:
+    """The end of a limb in Q pieces, from the toe on, in P poses."""
+
+    cuts: Array  # (P, Q + 1, 3) ends of the pieces [m]
+    is_present: BoolArray  # (Q,) the link's axis has the piece
+    free_clearance: Array  # (Q,) required from surfaces that the limb does not stand on [m]
+    radius: float  # [m]
+
+
+def _cut_limb_end(capsule: Capsule, scan: RawSurface) -> _LimbEnd:
+    """Cut the end of a limb into pieces as long as its required clearance is nearly constant."""
+    radius = capsule.radius
+    full_radius_distance = max((radius + scan.flatness) / SLENDER, NARROW)
+    cut_distances = np.unique(
+        np.concatenate(
+            [
+                [0.0],
+                np.linspace(_compute_touching_distance(scan), NARROW, _NUM_NARROW_PIECES + 1),
+                np.linspace(NARROW, full_radius_distance, _NUM_SLENDER_PIECES + 1),
+            ]
+        )
+    )
+    link_extent = capsule.to_toe + _measure_length(capsule)
+    is_present = (cut_distances[1:] >= capsule.to_toe) & (cut_distances[:-1] <= link_extent)
+    free_clearance = np.where(cut_distances[1:] > NARROW + 1e-9, radius, 0.0)
+    return _LimbEnd(_locate_along_link(capsule, cut_distances), is_present, free_clearance, radius)
+
+
+def _compute_touching_distance(scan: RawSurface) -> float:
+    """Return the distance from the toe within which a limb may touch what it stands on [m]."""
+    return 2 * scan.flatness + _TOE_TOLERANCE
+
+
+def _measure_group_shortfall(
+    end: _LimbEnd, places: Array, normals: Array, scan: RawSurface
+) -> Array:
+    """Return the clearance (P,) that the end of a limb lacks in poses with the same contacts.
+
+    places, normals: (2, 3) of the contacts.
+    """
+    cuts, radius = end.cuts, end.radius
+    reach = radius + REPORTED_CLEARANCE
+    points = cuts.reshape(-1, 3)
+    corners = scan.corners[
+        find_overlapping_triangles(scan.corners, points.min(0) - reach, points.max(0) + reach)
+    ]
+    contact_triangles = [
+        _find_contact_triangles(corners, p, n, scan) for p, n in zip(places, normals, strict=True)
+    ]
+    shortfall = np.full(len(cuts), -REPORTED_CLEARANCE)
+    for membership in ((False, False), (True, False), (False, True), (True, True)):
+        triangles = corners[
+            (contact_triangles[0] == membership[0]) & (contact_triangles[1] == membership[1])
+        ]
+        if not len(triangles):
+            continue
+        required = np.tile(end.free_clearance, (len(cuts), 1))
+        contact_distance = np.linalg.norm(cuts[:, :2, None] - places, axis=-1).max(axis=1)
+        is_tip = (contact_distance <= _compute_touching_distance(scan) + 1e-9).any(axis=-1)
+        required[is_tip, 0] = -1.0  # the tip, where it stands
+        for place, is_member in zip(places, membership, strict=True):
+            if is_member:
+                required = np.minimum(
+                    required, _compute_required_clearance(cuts, place, scan.flatness, radius)
+                )
+        required[:, ~end.is_present] = -1.0
+        begin, finish = cuts[:, :-1].reshape(-1, 3), cuts[:, 1:].reshape(-1, 3)
+        required_flat = required.reshape(-1)
+        pieces = np.flatnonzero(required_flat >= 0)
+        piece_gap = measure_triangle_distances(begin[pieces], finish[pieces], triangles, reach)
+        np.maximum.at(shortfall, pieces // required.shape[1], required_flat[pieces] - piece_gap)
+    return shortfall
 
 
 def _compute_required_clearance(cuts: Array, place: Array, flatness: float, radius: float) -> Array:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -106,12 +106,31 @@ def measure_part_clearances(
         com: (P, 3) body origins [m].
         axes: (P, 3, 3) body axes as rows.
     """
-    excluded_pairs = {tuple(int(i) for i in row) for row in robot.touching}
+    measured = [
+        *_measure_body_clearances(robot, body_parts, capsules, com, axes),
+        *_measure_limb_clearances(robot, capsules),
+    ]
+    if not measured:
+        return PartClearances(np.zeros((len(com), 0)), np.zeros(0), ())
+    clearances, radii, pairs = zip(*measured, strict=True)
+    return PartClearances(np.stack(clearances, axis=1), np.array(radii), pairs)
+
+
+# Clearance (P,), radius of the thicker link and the pair, where None stands for the body
+_PairClearance = tuple[Array, float, tuple[Capsule, Capsule | None]]
+
+
+def _measure_body_clearances(
+    robot: Robot,
+    body_parts: Sequence[ConvexBody],
+    capsules: Sequence[Capsule],
+    com: Array,
+    axes: Array,
+) -> Iterator[_PairClearance]:
+    """Yield the clearances between links and body parts; arguments as `measure_part_clearances`."""
+    excluded_pairs = _list_touching_pairs(robot)
     first_links = robot.has_joint.argmax(axis=1)
-    hip = [_find_hip_links(robot, limb, int(first_links[limb])) for limb in range(robot.limb_count)]
-    clearances: list[Array] = []
-    radii: list[float] = []
-    pairs: list[tuple[Capsule, Capsule | None]] = []
+    hip = _list_hip_links(robot)
     for first_capsule in capsules:
         joined_links = (
             {int(first_links[first_capsule.limb])}
@@ -131,9 +150,12 @@ def measure_part_clearances(
         distance = np.min(
             [measure_chain_distance(axis_in_body, b, sufficient)[:, 0] for b in body_parts], axis=0
         )
-        clearances.append(distance - radius)
-        radii.append(first_capsule.radius)
-        pairs.append((first_capsule, None))
+        yield distance - radius, first_capsule.radius, (first_capsule, None)
+
+
+def _measure_limb_clearances(robot: Robot, capsules: Sequence[Capsule]) -> Iterator[_PairClearance]:
+    """Yield the clearances between links of different limbs."""
+    excluded_pairs, hip = _list_touching_pairs(robot), _list_hip_links(robot)
     for first_capsule, second_capsule in itertools.combinations(capsules, 2):
         pair = (
             first_capsule.limb,
@@ -150,16 +172,22 @@ def measure_part_clearances(
         if are_hips and robot.capsules is not None:
             continue
         total_radius = first_capsule.radius + second_capsule.radius
-        clearances.append(
-            measure_segment_distances(
-                first_capsule.axis, second_capsule.axis, total_radius + _REPORTED_CLEARANCE
-            )
-            - total_radius
+        distance = measure_segment_distances(
+            first_capsule.axis, second_capsule.axis, total_radius + _REPORTED_CLEARANCE
         )
-        radii.append(max(first_capsule.radius, second_capsule.radius))
-        pairs.append((first_capsule, second_capsule))
-    clearance = np.stack(clearances, axis=1) if clearances else np.zeros((len(com), 0))
-    return PartClearances(clearance, np.array(radii), tuple(pairs))
+        radius = max(first_capsule.radius, second_capsule.radius)
+        yield distance - total_radius, radius, (first_capsule, second_capsule)
+
+
+def _list_touching_pairs(robot: Robot) -> set[tuple[int, ...]]:
+    """Return limb and number of both parts of each pair that touches in every posture."""
+    return {tuple(int(i) for i in row) for row in robot.touching}
+
+
+def _list_hip_links(robot: Robot) -> list[set[int]]:
+    """Return the links of each limb that are part of its hip."""
+    first_links = robot.has_joint.argmax(axis=1)
+    return [_find_hip_links(robot, limb, int(link)) for limb, link in enumerate(first_links)]
 
 
 def _find_hip_links(robot: Robot, limb: int, first: int) -> set[int]:

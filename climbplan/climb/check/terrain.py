@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 
@@ -12,7 +12,15 @@ from climbplan.arrays import Array
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.schema.motion import MotionSpec
 from climbplan.schema.terrain.panel import HoldSpec, PanelSpec
-from climbplan.schema.terrain.terrain import BoxSpec, GroundSpec, RegionSpec, SolidSpec, WallsSpec
+from climbplan.schema.terrain.terrain import (
+    BoxSpec,
+    GroundSpec,
+    RegionSpec,
+    SolidSpec,
+    TerrainSpec,
+    TubeSpec,
+    WallsSpec,
+)
 from climbplan.terrain.model import Terrain
 from climbplan.terrain.surfaces import Region, Surface, Tube
 from climbplan.verification.differences import Difference, check_equality, measure_difference
@@ -21,17 +29,8 @@ from climbplan.verification.differences import Difference, check_equality, measu
 def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
     """Yield the differences between the plan's terrain and that of its spec."""
     terrain, terrain_spec = plan.terrain, spec.terrain
-    walls = ("left", "right") if terrain_spec.walls is not None else ()
-    tops = [*(["ground"] if terrain_spec.ground else []), *(box.name for box in terrain_spec.boxes)]
     panel = terrain_spec.panel
-    names = [
-        *(["panel"] if panel else []),
-        *(["tube"] if terrain_spec.tube else []),
-        *walls,
-        *tops,
-        *(panel.holds if panel else ()),
-        *(r.name for r in terrain_spec.regions),
-    ]
+    names = _list_surface_names(terrain_spec)
     stored = [surface.name for surface in terrain.surfaces]
     yield check_equality("terrain: surfaces", stored == names)
     yield check_equality(
@@ -42,36 +41,79 @@ def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
     if stored != names:
         return
     by_name = dict(zip(names, range(len(names)), strict=True))
-    limbs = plan.robot.limb_names
-
     if terrain_spec.tube is not None:
-        tube = terrain.surfaces[by_name["tube"]]
-        yield check_equality("terrain.tube", isinstance(tube, Tube))
-        if isinstance(tube, Tube):
-            stored_tube = (*tube.center, tube.wall, tube.lower, tube.upper, tube.friction)
-            stated_tube = (
-                *terrain_spec.tube.center,
-                terrain_spec.tube.radius,
-                *terrain_spec.tube.up,
-                terrain_spec.friction,
-            )
-            yield measure_difference("terrain.tube", stored_tube, stated_tube)
+        surface = terrain.surfaces[by_name["tube"]]
+        yield from _compare_tube(surface, terrain_spec.tube, terrain_spec.friction)
     if terrain_spec.walls is not None:
-        for side, name in ((-1, "left"), (1, "right")):
-            surface = terrain.surfaces[by_name[name]]
-            yield _compare_corners(
-                f"terrain.walls: {name}", surface, _build_wall_corners(terrain_spec.walls, side)
-            )
-            wall_friction = (
-                terrain_spec.friction
-                if terrain_spec.walls.friction is None
-                else terrain_spec.walls.friction
-            )
-            yield measure_difference("terrain.friction", surface.friction, wall_friction)
-            is_allowed = [where in (name, "any") for where in plan.robot.sides]
-            yield measure_difference(
-                f"terrain.walls: {name}, limbs", terrain.allowed[:, by_name[name]], is_allowed
-            )
+        yield from _compare_walls(plan, terrain_spec.walls, by_name, terrain_spec.friction)
+    yield from _compare_level_surfaces(plan, terrain_spec, by_name)
+    if panel is not None:
+        yield from _compare_panel(plan, panel, terrain_spec.friction)
+    for number, region in enumerate(terrain_spec.regions):
+        key = f"terrain.regions.{number}"
+        surface = terrain.surfaces[by_name[region.name]]
+        yield _compare_corners(key, surface, _build_region_corners(region))
+        friction = terrain_spec.friction if region.friction is None else region.friction
+        yield measure_difference(f"{key}.friction", surface.friction, friction)
+        yield _compare_limbs(f"{key}.limbs", plan, by_name[region.name], region.limbs)
+        yield _compare_region_hold(key, surface, region)
+    boxes = [SolidSpec(name=b.name, lower=b.lower, upper=b.upper) for b in terrain_spec.boxes]
+    yield from _compare_solids(
+        terrain, [*terrain_spec.obstacles, *boxes], terrain_spec.free_regions
+    )
+
+
+def _list_surface_names(terrain_spec: TerrainSpec) -> list[str]:
+    """Return the names of all surfaces of a spec in the order of plan files."""
+    walls = ("left", "right") if terrain_spec.walls is not None else ()
+    tops = [*(["ground"] if terrain_spec.ground else []), *(box.name for box in terrain_spec.boxes)]
+    panel = terrain_spec.panel
+    return [
+        *(["panel"] if panel else []),
+        *(["tube"] if terrain_spec.tube else []),
+        *walls,
+        *tops,
+        *(panel.holds if panel else ()),
+        *(r.name for r in terrain_spec.regions),
+    ]
+
+
+def _compare_tube(surface: Surface, spec: TubeSpec, friction: float) -> Iterator[Difference]:
+    """Yield the differences of the tube."""
+    yield check_equality("terrain.tube", isinstance(surface, Tube))
+    if isinstance(surface, Tube):
+        stored = (*surface.center, surface.wall, surface.lower, surface.upper, surface.friction)
+        stated = (*spec.center, spec.radius, *spec.up, friction)
+        yield measure_difference("terrain.tube", stored, stated)
+
+
+def _compare_walls(
+    plan: ClimbPlan, walls: WallsSpec, by_name: dict[str, int], friction: float
+) -> Iterator[Difference]:
+    """Yield the differences of both walls; `friction` is that of walls that state none."""
+    for side, name in ((-1, "left"), (1, "right")):
+        surface = plan.terrain.surfaces[by_name[name]]
+        yield _compare_corners(f"terrain.walls: {name}", surface, _build_wall_corners(walls, side))
+        wall_friction = friction if walls.friction is None else walls.friction
+        yield measure_difference("terrain.friction", surface.friction, wall_friction)
+        is_allowed = [where in (name, "any") for where in plan.robot.sides]
+        yield measure_difference(
+            f"terrain.walls: {name}, limbs", plan.terrain.allowed[:, by_name[name]], is_allowed
+        )
+
+
+def _compare_limbs(
+    key: str, plan: ClimbPlan, surface: int, limbs: Collection[str] | None
+) -> Difference:
+    """Compare which limbs may stand on a surface; None stands for all."""
+    is_allowed = [limbs is None or limb in limbs for limb in plan.robot.limb_names]
+    return measure_difference(key, plan.terrain.allowed[:, surface], is_allowed)
+
+
+def _compare_level_surfaces(
+    plan: ClimbPlan, terrain_spec: TerrainSpec, by_name: dict[str, int]
+) -> Iterator[Difference]:
+    """Yield the differences of the ground and of the tops of boxes."""
     level_surfaces: list[tuple[str, str, Array, GroundSpec | BoxSpec]] = []
     if terrain_spec.ground is not None:
         ground = terrain_spec.ground
@@ -82,30 +124,12 @@ def compare_terrain(plan: ClimbPlan, spec: MotionSpec) -> Iterator[Difference]:
         corners = _build_level_corners((x0, x1), (y0, y1), top)
         level_surfaces.append((f"terrain.boxes.{number}", brick.name, corners, brick))
     for key, name, corners, level in level_surfaces:
-        surface = terrain.surfaces[by_name[name]]
+        surface = plan.terrain.surfaces[by_name[name]]
         yield _compare_corners(key, surface, corners)
         friction = terrain_spec.friction if level.friction is None else level.friction
         yield measure_difference(f"{key}.friction", surface.friction, friction)
-        limbs_allowed = level.limbs if isinstance(level, BoxSpec) else None
-        is_allowed = [limbs_allowed is None or limb in limbs_allowed for limb in limbs]
-        yield measure_difference(f"{key}.limbs", terrain.allowed[:, by_name[name]], is_allowed)
-    if panel is not None:
-        yield from _compare_panel(plan, panel, terrain_spec.friction)
-    for number, region in enumerate(terrain_spec.regions):
-        key = f"terrain.regions.{number}"
-        surface = terrain.surfaces[by_name[region.name]]
-        yield _compare_corners(key, surface, _build_region_corners(region))
-        friction = terrain_spec.friction if region.friction is None else region.friction
-        yield measure_difference(f"{key}.friction", surface.friction, friction)
-        is_allowed = [region.limbs is None or name in region.limbs for name in limbs]
-        yield measure_difference(
-            f"{key}.limbs", terrain.allowed[:, by_name[region.name]], is_allowed
-        )
-        yield _compare_region_hold(key, surface, region)
-    boxes = [SolidSpec(name=b.name, lower=b.lower, upper=b.upper) for b in terrain_spec.boxes]
-    yield from _compare_solids(
-        terrain, [*terrain_spec.obstacles, *boxes], terrain_spec.free_regions
-    )
+        limbs = level.limbs if isinstance(level, BoxSpec) else None
+        yield _compare_limbs(f"{key}.limbs", plan, by_name[name], limbs)
 
 
 def _compare_solids(
@@ -169,8 +193,7 @@ def _compare_panel(plan: ClimbPlan, panel: PanelSpec, friction: float) -> Iterat
             surface.friction,
             panel_friction if spec.friction is None else spec.friction,
         )
-        is_allowed = [spec.limbs is None or limb in spec.limbs for limb in plan.robot.limb_names]
-        yield measure_difference(f"{key}.limbs", terrain.allowed[:, by_name[name]], is_allowed)
+        yield _compare_limbs(f"{key}.limbs", plan, by_name[name], spec.limbs)
         yield _compare_hold(key, surface, spec, up, sideways)
 
 

@@ -95,6 +95,7 @@ def compute_part_forces(
     grips: GripForces,
     normal: Array,
     region: IntArray,
+    *,
     holds: Holds,
     spines: Array,
     span: float,

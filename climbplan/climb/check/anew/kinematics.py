@@ -35,6 +35,7 @@ def solve_sole_equilibrium(
     sole: Sole,
     toes: Array,
     axes: Array,
+    *,
     initial: Array,
     command: Array,
     spring: Array,
@@ -196,6 +197,7 @@ def solve_standing_limbs(
     com: Array,
     axes: Array,
     toes: Array,
+    *,
     initial: Array,
     command: Array,
     arm: Array | None = None,
@@ -219,11 +221,22 @@ def solve_standing_limbs(
         soles: (..., N, 3, 3) axes of flat feet as rows; None for other feet.
     """
     if soles is not None:
-        return _solve_standing_soles(robot, com, axes, toes, soles, initial, command)
+        return _solve_standing_soles(
+            robot, com, axes, toes, soles, initial=initial, command=command
+        )
     if isinstance(robot.mechanism, FiveBar):
         return _solve_standing_five_bars(robot.mechanism, com, axes, toes, initial)
     if robot.mechanism is not None:
-        return _solve_standing_chains(robot, com, axes, toes, initial, command, arm)
+        return _solve_standing_chains(
+            robot, com, axes, toes, initial=initial, command=command, arm=arm
+        )
+    return _solve_standing_legs(robot, com, axes, toes, initial)
+
+
+def _solve_standing_legs(
+    robot: Robot, com: Array, axes: Array, toes: Array, initial: Array
+) -> HeldLimbs:
+    """Return limbs of coxa, femur and tibia that reach toes (..., N, 3)."""
     model = build_limbs(robot, com, axes, initial)
     shoulder = transform_to_world(com, axes, robot.shoulder_body)
     up = axes[..., 2:3, :]
@@ -313,6 +326,7 @@ def _solve_standing_chains(
     com: Array,
     axes: Array,
     toes: Array,
+    *,
     initial: Array,
     command: Array,
     arm: Array | None,
@@ -329,7 +343,14 @@ def _solve_standing_chains(
 
 
 def _solve_standing_soles(
-    robot: Robot, com: Array, axes: Array, toes: Array, soles: Array, initial: Array, command: Array
+    robot: Robot,
+    com: Array,
+    axes: Array,
+    toes: Array,
+    soles: Array,
+    *,
+    initial: Array,
+    command: Array,
 ) -> HeldLimbs:
     """Return chains whose soles are at the toes, with joints as springs about their commands."""
     chain, sole = require_chain(robot), robot.sole
@@ -337,7 +358,9 @@ def _solve_standing_soles(
     local = np.einsum("...ij,...nj->...ni", axes, toes - com[..., None, :])
     sole_axes = soles @ np.swapaxes(axes, -1, -2)[..., None, :, :]
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)
-    equilibrium = solve_sole_equilibrium(chain, sole, local, sole_axes, initial, command, spring)
+    equilibrium = solve_sole_equilibrium(
+        chain, sole, local, sole_axes, initial=initial, command=command, spring=spring
+    )
     points = _build_chain_limbs(chain, com, axes, equilibrium.angles).points
     return HeldLimbs(points, equilibrium.angles, equilibrium.missing)
 

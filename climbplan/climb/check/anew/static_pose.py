@@ -77,7 +77,13 @@ def compute_response(braced: BracedRobot, com: Array, axes: Array) -> JointRespo
     """Return torques and forces for bodies at com (K, 3) with axes (K, 3, 3)."""
     robot = braced.robot
     angles = solve_standing_limbs(
-        robot, com, axes, braced.toes, braced.reference_angles, braced.command, soles=braced.soles
+        robot,
+        com,
+        axes,
+        braced.toes,
+        initial=braced.reference_angles,
+        command=braced.command,
+        soles=braced.soles,
     ).angles
     limbs = build_limbs(robot, com, axes, angles)
     spring = robot.joint_stiffness * (1 - robot.structural_compliance_share)

@@ -73,11 +73,29 @@ def compute_coxa_margins(robot: Robot, com: Array, rpy: Array, toes: Array) -> A
     return np.asarray(np.maximum(np.nan_to_num(margin), 0.0))
 
 
+def _linearise_distance(
+    normal: Array,
+    moment_arm: Array,
+    toe: Entries,
+    pose: tuple[Entries, Entries],
+    frame: tuple[Array, Array, Array],
+) -> Entries:
+    """Return distances (M, S) of toes (M, 3) along body normals (M, S, 3), linear in the pose.
+
+    moment_arm: (M, S, 3) stance x normal; pose and frame as in `add_coxa_wedges`.
+    """
+    (com, rpy), (reference, rates, level) = pose, frame
+    normal_component = (toe - com)[:, None].along((normal @ reference.T)[..., None])
+    rotation_component = (rpy - level)[:, None].along((moment_arm @ rates)[..., None])
+    return (normal_component - rotation_component)[..., 0]
+
+
 def add_coxa_wedges(
     p: Program,
     robot: Robot,
     radius: Array,
     joint_margin: Array | None,
+    *,
     start: tuple[Array, Array, Array],
     frame: tuple[Array, Array, Array],
     postures: tuple[Entries, Entries, Entries],
@@ -99,7 +117,6 @@ def add_coxa_wedges(
         moving: Body origins and angles (M, N, 3) at the time when each limb moves.
     """
     toes, coms, turns = postures
-    reference, rates, level = frame
     m = toes.shape[0] - 1
     stance_offset = robot.stance_body - robot.shoulder_body
     start_margin = compute_coxa_margins(robot, *start)
@@ -117,17 +134,15 @@ def add_coxa_wedges(
         )[cuts_ball]
         slack = np.zeros((m, 1))
         slack[0] = _START_SLACK
-        poses_at_move = [x[:, limb] for x in moving]
+        poses_at_move = moving[0][:, limb], moving[1][:, limb]
         wedge_distances, min_distances = [], []
-        for normal, toe, com, rpy, slack_of_event in (
-            (round_normals, toes[1:, limb], coms[1:], turns[1:], 0.0),
-            (round_normals, toes[1:, limb], *poses_at_move, 0.0),
-            (first_round_normals, toes[:-1, limb], *poses_at_move, slack),
+        for normal, toe, pose, slack_of_event in (
+            (round_normals, toes[1:, limb], (coms[1:], turns[1:]), 0.0),
+            (round_normals, toes[1:, limb], poses_at_move, 0.0),
+            (first_round_normals, toes[:-1, limb], poses_at_move, slack),
         ):
-            moment_arm = np.cross(robot.stance_body[limb], normal)  # (M, S, 3)
-            normal_component = (toe - com)[:, None].along((normal @ reference.T)[..., None])
-            rotation_component = (rpy - level)[:, None].along((moment_arm @ rates)[..., None])
-            wedge_distances.append((normal_component - rotation_component)[..., 0])
+            moment_arm = np.cross(robot.stance_body[limb], normal)
+            wedge_distances.append(_linearise_distance(normal, moment_arm, toe, pose, frame))
             min_distances.append(normal @ robot.shoulder_body[limb] - slack_of_event)
         p.between(
             f"workspace.turn_{name}",

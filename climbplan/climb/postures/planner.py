@@ -106,16 +106,32 @@ def plan_postures(
             raise NoPostures("no posture sequence found under the given bounds", [])
         raise explain_infeasible(scene, program, instance)
     if result.x is None or result.assignment is None or result.objective is None:
-        limit = f"within {options.time_limit:g} s (solver.time_limit)"
-        if result.nodes >= nodes:
-            limit = f"within {nodes:g} nodes of the search"
-        elif result.time < 0.9 * remaining:
-            limit = "within the memory for open nodes"
-        raise LimitReached(
-            f"no postures found {limit}, after {result.nodes} nodes; a larger limit, fewer rounds "
-            "or fewer regions may help",
-            stage="posture",
-        )
+        raise _build_limit_failure(result, options.time_limit, remaining, nodes)
+    return _build_result(scene, program, result, is_relaxation)
+
+
+def _build_limit_failure(
+    result: SolverResult, time_limit: float, remaining: float, nodes: float
+) -> LimitReached:
+    """Build the error of a search that a limit of nodes, time or memory ended."""
+    limit = f"within {time_limit:g} s (solver.time_limit)"
+    if result.nodes >= nodes:
+        limit = f"within {nodes:g} nodes of the search"
+    elif result.time < 0.9 * remaining:
+        limit = "within the memory for open nodes"
+    return LimitReached(
+        f"no postures found {limit}, after {result.nodes} nodes; a larger limit, fewer rounds "
+        "or fewer regions may help",
+        stage="posture",
+    )
+
+
+def _build_result(
+    scene: ClimbScene, program: Program, result: SolverResult, is_relaxation: bool
+) -> PostureResult:
+    """Build the result of a search with an incumbent; a relaxation proves no bound."""
+    assert result.objective is not None
+    assert result.assignment is not None
     rounds = extract_rounds(scene, program, result)
     return PostureResult(
         rounds=rounds,

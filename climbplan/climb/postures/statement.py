@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -285,26 +285,18 @@ def build_posture_program(
     """
     spec, robot, terrain = scene.spec.posture, scene.robot, scene.terrain
     margins = margins or PostureMargins()
-    stance_radius = margins.stance_radius
-    if stance_radius is None:
-        stance_radius = np.full(robot.limb_count, robot.stance_radius)
     m, n = scene.spec.task.round_count, robot.limb_count
-    weights, steps = spec.weights, spec.steps
-    limit = np.deg2rad(spec.rotation_limit_deg)
-
+    steps, limit = spec.steps, np.deg2rad(spec.rotation_limit_deg)
     rotation = LinearisedRotation.from_scene(scene)
 
     p = Program("posture")
     toe_scalars = p.continuous("toe", (m, n, 3), unit="m")
     com_scalars = p.continuous("com", (m, 3), unit="m")
     p.continuous("rpy", (m, 3), rotation.level - limit, rotation.level + limit, "rad")
-    toe: Entries
-    com: Entries
-    rpy: Entries
-    toe, com, rpy = (p.affine(name) for name in ("toe", "com", "rpy"))
-    toes: Entries = np.concatenate([scene.start.toes[None], toe])  # (M+1, N, 3)
-    coms: Entries = np.concatenate([scene.start.com[None], com])  # (M+1, 3)
-    turns: Entries = np.concatenate([scene.start.rpy[None], rpy])
+    start = scene.start
+    variables = zip((start.toes, start.com, start.rpy), ("toe", "com", "rpy"), strict=True)
+    postures = _Postures(*(np.concatenate([old[None], p.affine(name)]) for old, name in variables))
+    toes, coms, turns = postures
 
     # A, B: body, toe and rotation steps between rounds
     p.ball("steps.com", np.diff(coms, axis=0), steps.com_max, unit="m")
@@ -312,7 +304,70 @@ def build_posture_program(
     turn = np.deg2rad(steps.rotation_max_deg)
     p.between("steps.rotation", np.diff(turns, axis=0), -turn, turn, unit="rad")
 
-    # C: toes in the limbs' workspace balls, about the shoulder and about the nominal stance
+    _add_workspaces(p, scene, margins, rotation, postures)  # C
+
+    # D: every toe in one contact region, H_ri => A_r p_i <= b_r
+    if scene.by_round is None:
+        regions_by_limb = [
+            [scene.standing[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)
+        ]
+        state_contacts(p, toe_scalars, com_scalars, regions_by_limb)
+    else:
+        _add_regions_by_round(p, scene, toe_scalars)
+
+    # The body's way through each round stays in one convex free region
+    clearance = spec.body_clearance + margins.clearance
+    poses = np.concatenate([coms[:-1], turns[:-1], coms[1:], turns[1:]], axis=-1)  # (M, 12)
+    for index, choice in enumerate(terrain.free_choices):
+        free = [build_body_polytope(r, robot.body_hull, clearance, rotation) for r in choice]
+        p.one_of(f"body.clearance_{index}", poses, [free] * m, unit="m")
+
+    # Standing limbs pass every obstacle on one side in each round
+    coms_by_limb, turns_by_limb = (
+        np.broadcast_to(x[:, None], (m + 1, n, 3)) for x in (coms, turns)
+    )
+    ends = [x[rounds] for rounds in (slice(-1), slice(1, None))
+            for x in (toes, coms_by_limb, turns_by_limb)]  # fmt: skip
+    _add_limb_clearance(p, scene, np.concatenate(ends, axis=-1), margins)
+    _add_goal(p, scene, postures)
+    return p
+
+
+def _add_regions_by_round(p: Program, scene: ClimbScene, toe: Expression) -> None:
+    """Require every toe in one of the regions that its limb may use in its round."""
+    polytopes = {
+        int(r): build_region_polytope(scene.standing[r])
+        for r in np.flatnonzero(scene.terrain.allowed.any(axis=0))
+    }
+    alternatives = [[polytopes[int(r)] for r in each] for row in scene.alternatives for each in row]
+    p.one_of("contact.region", toe, alternatives, unit="m")
+
+
+class _Postures(NamedTuple):
+    """Postures of rounds 0 to M: the start and the variables."""
+
+    toes: Entries  # (M + 1, N, 3)
+    coms: Entries  # (M + 1, 3) body origins
+    turns: Entries  # (M + 1, 3) roll, pitch, yaw
+
+
+def _add_workspaces(
+    p: Program,
+    scene: ClimbScene,
+    margins: PostureMargins,
+    rotation: LinearisedRotation,
+    postures: _Postures,
+) -> None:
+    """Require toes in the limbs' workspace balls, and first joints within their bounds (C).
+
+    The balls are about the shoulder and about the nominal stance.
+    """
+    spec, robot = scene.spec.posture, scene.robot
+    toes, coms, turns = postures
+    m, n = len(coms) - 1, robot.limb_count
+    stance_radius = margins.stance_radius
+    if stance_radius is None:
+        stance_radius = np.full(n, robot.stance_radius)
     balls = [("reach", robot.shoulder_body, np.full(n, robot.reach))]
     if spec.stance_workspace:
         balls.append(("stance", robot.stance_body, stance_radius))
@@ -324,7 +379,7 @@ def build_posture_program(
         x[:-1, None] + fraction[:, None] * np.diff(x, axis=0)[:, None] for x in (coms, turns)
     ]
     for label, origin, radius in balls:
-        arm = toe - com[:, None] - rotation.apply(rpy[:, None], origin)
+        arm = toes[1:] - coms[1:, None] - rotation.apply(turns[1:, None], origin)
         p.ball(f"workspace.{label}", arm, np.tile(radius, (m, 1)), unit="m")
         if spec.check_reach_during_round:
             for event, feet in (("lift", toes[:-1]), ("place", toes[1:])):
@@ -336,69 +391,32 @@ def build_posture_program(
                 p.ball(f"workspace.{label}_{event}", arm, radii, unit="m")
 
     if spec.stance_workspace:
-        frame = rotation.reference, rotation.rates, rotation.level
-        start = scene.start.com, scene.start.rpy, scene.start.toes
-        wedge_limits = stance_radius, margins.turn, start
         add_coxa_wedges(
             p,
             robot,
-            *wedge_limits,
-            frame,
-            (toes, coms, turns),
-            (poses_at_move[0], poses_at_move[1]),
+            stance_radius,
+            margins.turn,
+            start=(scene.start.com, scene.start.rpy, scene.start.toes),
+            frame=(rotation.reference, rotation.rates, rotation.level),
+            postures=postures,
+            moving=(poses_at_move[0], poses_at_move[1]),
         )
 
-    # D: every toe in one contact region, H_ri => A_r p_i <= b_r
-    if scene.by_round is None:
-        regions_by_limb = [
-            [scene.standing[r] for r in np.flatnonzero(terrain.allowed[i])] for i in range(n)
-        ]
-        state_contacts(p, toe_scalars, com_scalars, regions_by_limb)
-    else:
-        polytopes = {
-            int(r): build_region_polytope(scene.standing[r])
-            for r in np.flatnonzero(terrain.allowed.any(axis=0))
-        }
-        alternatives = [
-            [polytopes[int(r)] for r in each] for row in scene.alternatives for each in row
-        ]
-        p.one_of("contact.region", toe_scalars, alternatives, unit="m")
 
-    # The body's way through each round stays in one convex free region
-    clearance = spec.body_clearance + margins.clearance
-    poses = np.concatenate([coms[:-1], turns[:-1], coms[1:], turns[1:]], axis=-1)  # (M, 12)
-    for index, choice in enumerate(terrain.free_choices):
-        free = [build_body_polytope(r, robot.body_hull, clearance, rotation) for r in choice]
-        p.one_of(f"body.clearance_{index}", poses, [free] * m, unit="m")
-
-    # Standing limbs pass every obstacle on one side in each round
-    repeat = (m, n, 3)
-    postures = np.concatenate(
-        [
-            toes[:-1],
-            np.broadcast_to(coms[:-1, None], repeat),
-            np.broadcast_to(turns[:-1, None], repeat),
-            toes[1:],
-            np.broadcast_to(coms[1:, None], repeat),
-            np.broadcast_to(turns[1:, None], repeat),
-        ],
-        axis=-1,
-    )
-    _add_limb_clearance(p, scene, postures, margins)
-
-    # Goal: within tolerance, and as close as the weights say
-    goal = scene.goal
+def _add_goal(p: Program, scene: ClimbScene, postures: _Postures) -> None:
+    """Require the goal within tolerance, and minimise distances to it and steps."""
+    goal, weights = scene.goal, scene.spec.posture.weights
+    toes, coms, turns = postures
     tolerance = scene.spec.task.goal.tolerance
-    p.ball("goal.com", com[-1] - goal.com, tolerance, unit="m")
-    p.ball("goal.toes", toe[-1] - goal.toes, tolerance, unit="m")
+    p.ball("goal.com", coms[-1] - goal.com, tolerance, unit="m")
+    p.ball("goal.toes", toes[-1] - goal.toes, tolerance, unit="m")
     rotation_tolerance = np.deg2rad(scene.spec.task.goal.rotation_tolerance_deg)
     p.between(
-        "goal.rotation", rpy[-1] - goal.rpy, -rotation_tolerance, rotation_tolerance, unit="rad"
+        "goal.rotation", turns[-1] - goal.rpy, -rotation_tolerance, rotation_tolerance, unit="rad"
     )
-    p.minimise("goal", weights.goal * sum_of_squares(toe[-1] - goal.toes))
-    p.minimise("goal_com", weights.goal_com * sum_of_squares(com[-1] - goal.com))
-    p.minimise("goal_rotation", weights.goal_rotation * sum_of_squares(rpy[-1] - goal.rpy))
+    p.minimise("goal", weights.goal * sum_of_squares(toes[-1] - goal.toes))
+    p.minimise("goal_com", weights.goal_com * sum_of_squares(coms[-1] - goal.com))
+    p.minimise("goal_rotation", weights.goal_rotation * sum_of_squares(turns[-1] - goal.rpy))
     p.minimise("com_step", weights.com * sum_of_squares(np.diff(coms, axis=0)))
     p.minimise("toe_step", weights.toe * sum_of_squares(np.diff(toes, axis=0)))
     p.minimise("rotation_step", weights.rotation * sum_of_squares(np.diff(turns, axis=0)))
-    return p

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 import itertools
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -97,11 +97,40 @@ def _build_round_stage(shape: NlpStructure) -> Stage:
         pins=build_pin_layout(shape),
         numbers=build_number_layout(shape),
     )
-    old, new, pins, c = stage.matrices
-    limbs = range(n)
+    old, new, _, c = stage.matrices
     step = {name: new[name] - old[name] for name in ("com", "rpy", "toes")}
+    # Pose of the body while each limb moves: k / N of its way for the k-th limb
+    end = (new["com"], build_rotation(new["rpy"]))
+    at_move = {}
+    for k, limb in enumerate(shape.gait):
+        rpy_at_move = old["rpy"] + (k / n) * step["rpy"]
+        at_move[limb] = (old["com"] + (k / n) * step["com"], build_rotation(rpy_at_move))
+    poses = _BodyPoses(end, at_move)
 
-    # A, B: steps of body, toes and rotation (the rotation step bounds each axis)
+    _add_step_limits(stage, shape, step)
+    _add_limb_kinematics(stage, shape, poses)
+    _add_workspaces(stage, shape, poses)
+    _add_contacts(stage, shape)
+    _add_body_clearance(stage, shape, poses, step)
+    stage.minimise("com_step", c["w_com"] * ca.sumsqr(step["com"]))
+    stage.minimise("toe_step", c["w_toe"] * ca.sumsqr(step["toes"]))
+    stage.minimise("rotation_step", c["w_rotation"] * ca.sumsqr(step["rpy"]))
+    return stage
+
+
+_Pose = tuple[Any, Any]  # origin (3,) and rotation (3, 3) of the body
+
+
+class _BodyPoses(NamedTuple):
+    """Poses of the body in a round."""
+
+    end: _Pose
+    at_move: dict[int, _Pose]  # while each limb moves
+
+
+def _add_step_limits(stage: _LayoutStage, shape: NlpStructure, step: dict[str, Any]) -> None:
+    """Bound the steps of body, toes and rotation (A, B); that of rotation about each axis."""
+    c = stage.matrices[3]
     stage.add_upper_bound("steps.com", ball_rows(step["com"], c["com_max"]))
     stage.add_upper_bound("steps.toe", ball_rows(step["toes"], c["toe_max"]))
     turns = [sign * step["rpy"] - c["rotation_max"] for sign in (1, -1)]
@@ -113,25 +142,23 @@ def _build_round_stage(shape: NlpStructure) -> Stage:
         min_violation = c["toe_min"] ** 2 - ca.sum1(step["toes"] ** 2)
         stage.add_upper_bound("steps.toe", min_violation / (2 * c["toe_max"]))
 
-    # Pose of the body while each limb moves: k / N of its way for the k-th limb
-    end = (new["com"], build_rotation(new["rpy"]))
-    pose_at_move = {}
-    for k, limb in enumerate(shape.gait):
-        rpy_at_move = old["rpy"] + (k / n) * step["rpy"]
-        pose_at_move[limb] = (old["com"] + (k / n) * step["com"], build_rotation(rpy_at_move))
+
+def _add_limb_kinematics(stage: _LayoutStage, shape: NlpStructure, poses: _BodyPoses) -> None:
+    """Tie angles to toes by exact forward kinematics, and keep each link beyond its planes."""
+    old, new, pins, c = stage.matrices
+    n = shape.limbs
 
     def normal(toes: Any, pin_name: str, i: int) -> Any:
         if shape.is_curved:
             return ca.vertcat((c["axis"] - toes[:2, i]) / c["radius"], 0)
         return pins[pin_name][:, i]
 
-    # Exact forward kinematics at every moment, and each link beyond its planes
     for moment in MOMENTS:
         residuals, plane_violations = [], []
         planes = pins[f"planes_{moment.name}"]
         chains = shape.kinematics.points(c, new[f"angles_{moment.name}"])
-        for i in limbs:
-            origin, rotation_of_body = end if moment.at_end else pose_at_move[i]
+        for i in range(n):
+            origin, rotation_of_body = poses.end if moment.at_end else poses.at_move[i]
             points = [origin + rotation_of_body @ point[:, i] for point in chains]
             toes, pin_name = (new, "normal") if moment.at_new_contact else (old, "old_normal")
             target = toes["toes"][:, i]
@@ -148,13 +175,17 @@ def _build_round_stage(shape: NlpStructure) -> Stage:
         stage.equal("kinematics.forward", ca.vertcat(*residuals), "m")
         stage.add_upper_bound("limbs.axis_collision", *plane_violations)
 
-    # C: workspace balls about shoulder and nominal stance, also at lift and placing
+
+def _add_workspaces(stage: _LayoutStage, shape: NlpStructure, poses: _BodyPoses) -> None:
+    """Require toes in balls about shoulder and nominal stance, also at lift and placing (C)."""
+    old, new, _, c = stage.matrices
+    limbs = range(shape.limbs)
     balls = [("reach", "first_joint", "reach")]
     if shape.has_stance_ball:
         balls.append(("stance", "stance", "stance_radius"))
-    events = [(new["toes"], dict.fromkeys(limbs, end))]
+    events = [(new["toes"], dict.fromkeys(limbs, poses.end))]
     if shape.checks_during_round:
-        events += [(old["toes"], pose_at_move), (new["toes"], pose_at_move)]
+        events += [(old["toes"], poses.at_move), (new["toes"], poses.at_move)]
     for label, centre, radius_name in balls:
         for feet, body in events:
             arms = [feet[:, i] - body[i][0] - body[i][1] @ c[centre][:, i] for i in limbs]
@@ -162,7 +193,10 @@ def _build_round_stage(shape: NlpStructure) -> Stage:
                 f"workspace.{label}", ball_rows(ca.horzcat(*arms), c[radius_name])
             )
 
-    # D: toes on their fixed region, or on the tube
+
+def _add_contacts(stage: _LayoutStage, shape: NlpStructure) -> None:
+    """Require toes on their fixed region, or on the tube (D)."""
+    _, new, pins, c = stage.matrices
     toes = new["toes"]
     if shape.is_curved:
         surface_residual = ball_rows(toes[:2, :] - c["axis"], c["radius"])
@@ -171,16 +205,23 @@ def _build_round_stage(shape: NlpStructure) -> Stage:
         edges = [
             pins["edge_rows"][:, i * shape.max_edges : (i + 1) * shape.max_edges].T @ toes[:, i]
             - pins["edge_bounds"][:, i]
-            for i in limbs
+            for i in range(shape.limbs)
         ]
         stage.add_upper_bound("contact.region", *edges)
     stage.equal("contact.region", surface_residual, "m")
 
-    # Body clear of the terrain on its way: inside the tube, beyond one face of each obstacle.
-    # Both sets are convex, so the ends of each corner's way and its bulge are enough.
+
+def _add_body_clearance(
+    stage: _LayoutStage, shape: NlpStructure, poses: _BodyPoses, step: dict[str, Any]
+) -> None:
+    """Keep the body's way inside the tube, and beyond one face of each obstacle.
+
+    Both sets are convex, so the ends of each corner's way and its bulge are enough.
+    """
+    old, _, pins, c = stage.matrices
     clearance = c["clearance"] + bound_chord_deviation(step["rpy"], c["hull_radius"])
     corners = []
-    for com, rotation_of_body in ((old["com"], build_rotation(old["rpy"])), end):
+    for com, rotation_of_body in ((old["com"], build_rotation(old["rpy"])), poses.end):
         corners += [com + rotation_of_body @ c["hull"][:, k] for k in range(shape.num_hull_corners)]
     if shape.is_curved:
         tube_violations = [ball_rows(x[:2] - c["axis"], c["radius"] - clearance) for x in corners]
@@ -190,11 +231,6 @@ def _build_round_stage(shape: NlpStructure) -> Stage:
             pins["free_rows"].T @ x - pins["free_bounds"].T + clearance for x in corners
         ]
         stage.add_upper_bound("body.clearance", *free_region_violations)
-
-    stage.minimise("com_step", c["w_com"] * ca.sumsqr(step["com"]))
-    stage.minimise("toe_step", c["w_toe"] * ca.sumsqr(step["toes"]))
-    stage.minimise("rotation_step", c["w_rotation"] * ca.sumsqr(step["rpy"]))
-    return stage
 
 
 def _build_goal_stage(shape: NlpStructure) -> Stage:

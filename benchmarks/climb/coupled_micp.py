@@ -89,7 +89,9 @@ def certify(
     """Run the program; None if no point of P was found."""
     begin, cpu = time.perf_counter(), time.process_time()
     known = known_point(prepared)
-    found = solve_accurate(prepared, known, envelope, solver, _PIECES, _SOLVER_GAP, limit)
+    found = solve_accurate(
+        prepared, known, envelope, solver=solver, pieces=_PIECES, gap=_SOLVER_GAP, time_limit=limit
+    )
     spent, cpu = time.perf_counter() - begin, time.process_time() - cpu
     if found.best is None:
         return None

@@ -336,7 +336,7 @@ class Corrections:
         np.dot(self._reference_rotation, rotation.T, out=self._change)
         (_, o01, o02), (o10, _, o12), (o20, o21, _) = self._change.tolist()
         x, y, z = (o21 - o12) / 2, (o02 - o20) / 2, (o10 - o01) / 2
-        _fill(self._skew, 0.0, -z, y, z, 0.0, -x, -y, x, 0.0)
+        _fill(self._skew, (0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0))
         np.dot(tables.arms[index], self._skew.T, out=wide)
         if self._place:
             _interpolate(tables.com[index], tables.com[after], fraction, self._com)
@@ -417,14 +417,14 @@ def _interpolate(before: Array, after: Array, fraction: float, out: Array) -> No
     np.add(out, before, out=out)
 
 
-def _fill(
-    out: Array, a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float,
-    i: float,
-) -> None:  # fmt: skip
-    """Fill a 3 x 3 matrix with values, row by row."""
-    out[0, 0], out[0, 1], out[0, 2] = a, b, c
-    out[1, 0], out[1, 1], out[1, 2] = d, e, f
-    out[2, 0], out[2, 1], out[2, 2] = g, h, i
+_Row = tuple[float, float, float]
+
+
+def _fill(out: Array, first_row: _Row, second_row: _Row, third_row: _Row) -> None:
+    """Fill a 3 x 3 matrix with the values of its rows, which NumPy need not convert."""
+    out[0, 0], out[0, 1], out[0, 2] = first_row
+    out[1, 0], out[1, 1], out[1, 2] = second_row
+    out[2, 0], out[2, 1], out[2, 2] = third_row
 
 
 def _compute_rotation(x: float, y: float, z: float, angle: float, out: Array) -> None:
@@ -432,7 +432,8 @@ def _compute_rotation(x: float, y: float, z: float, angle: float, out: Array) ->
     c, s = cos(angle), sin(angle)
     k = 1.0 - c
     _fill(
-        out, c + k * x * x, k * x * y - s * z, k * x * z + s * y,
-        k * x * y + s * z, c + k * y * y, k * y * z - s * x,
-        k * x * z - s * y, k * y * z + s * x, c + k * z * z,
-    )  # fmt: skip
+        out,
+        (c + k * x * x, k * x * y - s * z, k * x * z + s * y),
+        (k * x * y + s * z, c + k * y * y, k * y * z - s * x),
+        (k * x * z - s * y, k * y * z + s * x, c + k * z * z),
+    )

@@ -53,6 +53,7 @@ def braced_body(
     angles: Array,
     jacobian: Array,
     arms: Array,
+    *,
     contact: BoolArray,
     normal: Array,
 ) -> BracedBody:

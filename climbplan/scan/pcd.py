@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -22,17 +23,7 @@ def read_pcd(path: Path) -> tuple[Array, Array | None]:
         ScanError: The file is no PCD cloud.
     """
     with path.open("rb") as file:
-        header: dict[str, list[str]] = {}
-        for _ in range(64):
-            line = file.readline(4096)
-            tokens = line.decode("ascii", "replace").split()
-            if not line:
-                break
-            if not tokens or tokens[0].startswith("#"):
-                continue
-            header[tokens[0].upper()] = tokens[1:]
-            if tokens[0].upper() == "DATA":
-                break
+        header = _read_header(file)
         body = file.read()
     names = header.get("FIELDS", [])
     if "DATA" not in header or not {"x", "y", "z"} <= set(names):
@@ -79,6 +70,22 @@ def read_pcd(path: Path) -> tuple[Array, Array | None]:
         np.isfinite(normals).all() and np.abs(np.linalg.norm(normals, axis=1) - 1).max() < 0.1
     )
     return xyz, normals if are_unit else None
+
+
+def _read_header(file: BinaryIO) -> dict[str, list[str]]:
+    """Read the values of each key up to DATA, after which the body begins."""
+    header: dict[str, list[str]] = {}
+    for _ in range(64):
+        line = file.readline(4096)
+        tokens = line.decode("ascii", "replace").split()
+        if not line:
+            break
+        if not tokens or tokens[0].startswith("#"):
+            continue
+        header[tokens[0].upper()] = tokens[1:]
+        if tokens[0].upper() == "DATA":
+            break
+    return header
 
 
 def _parse_count(text: str) -> int:

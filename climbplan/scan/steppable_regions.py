@@ -107,6 +107,18 @@ def compute_steppable_area(
             free, shapely.buffer(edges, _CIRCUMSCRIBED * clearance, quad_segs=_ARC_SEGMENTS)
         )
     rising = heights[(highest >= limit) & (lowest <= HEADROOM)]
+    return _keep_off_rising(free, patch, outline, rising, limit, clearance)
+
+
+def _keep_off_rising(
+    free: shapely.Geometry,
+    patch: shapely.Geometry,
+    outline: _Outline,
+    rising: Array,
+    limit: float,
+    clearance: float,
+) -> shapely.Geometry:
+    """Return what of a free area keeps a clearance from triangles (T, 3, 3) that rise over it."""
     is_above = shapely.contains_xy(patch, rising[..., :2].mean(axis=1)) if len(rising) else []
     rising = rising[_find_near_outline(rising, outline, clearance) | np.asarray(is_above, bool)]
     blocking = _clip_polygons(rising, limit, HEADROOM)

@@ -75,8 +75,8 @@ def standing(scene: ClimbScene, lifted: int, com: tuple[float, float, float]) ->
         np.array([com]),
         np.zeros((1, 3)),
         scene.start.toes[None],
-        scene.start.region[None],
-        np.arange(count)[None] == lifted,
+        region=scene.start.region[None],
+        lifted=np.arange(count)[None] == lifted,
     )
 
 

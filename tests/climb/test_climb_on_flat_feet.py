@@ -142,8 +142,11 @@ def test_a_load_beside_the_sole_is_told_by_how_much() -> None:
     scene = scene_of()
     lifted = np.array([[True, False]])
     com = scene.start.com[None] + [0.0, 0.0, 0.0]
-    where = scene.start.toes[None], scene.start.region[None], lifted
-    instants = build_instants_at(scene, np.ones(1, np.int64), com, np.zeros((1, 3)), *where)
+    toes, region = scene.start.toes[None], scene.start.region[None]
+    body = com, np.zeros((1, 3))
+    instants = build_instants_at(
+        scene, np.ones(1, np.int64), *body, toes, region=region, lifted=lifted
+    )
     with pytest.raises(NoForces, match="centre of pressure 25 mm beyond the edge of its sole"):
         plan_forces(scene, instants)
 

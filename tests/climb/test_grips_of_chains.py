@@ -146,7 +146,15 @@ def test_a_missing_moment_is_shared_by_parts_that_press() -> None:
     grips = GripForces(grip, palm, np.zeros((1, 4, 3)))
     off = np.array([[0.02, -0.03, 0.04]])
     more, shared = distribute_moment(
-        grippers, normal, region, contact, arms, force, grips, off, in_line=1e-6
+        grippers,
+        normal,
+        region,
+        contact,
+        arms=arms,
+        force=force,
+        grips=grips,
+        missing_moment=off,
+        in_line=1e-6,
     )
     change = more - force
     moment = np.cross(arms, change) + shared.moment

@@ -71,8 +71,8 @@ class Held:
             self.angles[None],
             self.jacobian[None],
             self.toes[None],
-            contact,
-            np.zeros((1, *self.toes.shape)),
+            contact=contact,
+            normal=np.zeros((1, *self.toes.shape)),
         )
 
 
@@ -163,8 +163,8 @@ def test_rotation_is_the_models(braced_robot: RobotMaker) -> None:
         held.angles[None],
         jacobian_world(robot, rpy, held.angles[None]),
         held.toes[None] @ rotation.T,
-        np.ones((1, 6), bool),
-        np.zeros((1, *held.toes.shape)),
+        contact=np.ones((1, 6), bool),
+        normal=np.zeros((1, *held.toes.shape)),
     )
     np.testing.assert_allclose(
         loaded_stiffness(turned, held.force[None] @ rotation.T).left, left, atol=1e-9

@@ -6,7 +6,9 @@ independently (`climbplan/climb/check/scan.py`).
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -66,16 +68,9 @@ def find_nearest_raw(
         np.broadcast_to(v, (*shape, count)).reshape(-1, count)
         for v in (capsules.radius, capsules.to_toe)
     )  # (B, L) of B limbs with L capsules
-    own_places = np.broadcast_to(contacts.places, (*shape, *contacts.places.shape[-2:]))
-    own_normals = np.broadcast_to(contacts.normals, own_places.shape)
-    each = np.concatenate([own_places, own_normals], axis=-1).reshape(-1, 6)
-    unique, contact_index = np.unique(each, axis=0, return_inverse=True)  # NaN are alike
-    contact_index = contact_index.reshape(len(starts), -1).astype(np.int64)
-    contact_index = np.where(np.isnan(unique[contact_index, 0]), -1, contact_index)
-
-    both_ends = np.stack([capsules.starts, capsules.ends])
+    unique, contact_index = _index_contacts(contacts, shape)
     reach = float(capsules.radius.max()) + margin
-    number = _find_near_triangles(scan, both_ends, reach)
+    number = _find_near_triangles(scan, np.stack([capsules.starts, capsules.ends]), reach)
     corners = np.ascontiguousarray(scan.corners[number])
     places, normals = (np.ascontiguousarray(v) for v in np.split(np.nan_to_num(unique), 2, axis=1))
     surfaces = find_contact_surfaces(places, normals, corners, FACING, RISING, scan.flatness)
@@ -85,17 +80,8 @@ def find_nearest_raw(
         (radius[limb, link] + margin)[:, None], (len(limb), 1 + contact_index.shape[1])
     )
     last_limb, last = np.nonzero(np.isfinite(to_toe))
-    last_links = last_limb, last
-    end = _taper_limb_end(
-        scan,
-        starts[last_links],
-        ends[last_links],
-        to_toe[last_links],
-        radius[last_links],
-        unique[:, :3],
-        contact_index[last_limb],
-        margin,
-    )
+    last_links = _LastLinks(*(v[last_limb, last] for v in (starts, ends, to_toe, radius)))
+    end = _taper_limb_end(scan, last_links, unique[:, :3], contact_index[last_limb], margin)
     pieces = end.starts.shape[1]
     limb = np.concatenate([limb, np.repeat(last_limb, pieces)])
     link = np.concatenate([link, np.repeat(last, pieces)])
@@ -126,6 +112,26 @@ def find_nearest_raw(
     )
 
 
+def _index_contacts(contacts: ToeContacts, shape: tuple[int, ...]) -> tuple[Array, IntArray]:
+    """Return the different contacts (U, 6), place and normal, and which ones (B, C) each of B limbs
+    of a shape has, -1 for none."""
+    places = np.broadcast_to(contacts.places, (*shape, *contacts.places.shape[-2:]))
+    normals = np.broadcast_to(contacts.normals, places.shape)
+    each = np.concatenate([places, normals], axis=-1).reshape(-1, 6)
+    unique, contact_index = np.unique(each, axis=0, return_inverse=True)  # NaN are alike
+    contact_index = contact_index.reshape(math.prod(shape), -1).astype(np.int64)
+    return unique, np.where(np.isnan(unique[contact_index, 0]), -1, contact_index)
+
+
+class _LastLinks(NamedTuple):
+    """Capsules of B last links."""
+
+    starts: Array  # (B, 3) [m]
+    ends: Array  # (B, 3) [m]
+    to_toe: Array  # (B,) from the end to the toe, along the axis [m]
+    radius: Array  # (B,) [m]
+
+
 @dataclass(frozen=True)
 class _TaperedEnd:
     """B capsules of last links in Q pieces, from the knee on, with their required clearance."""
@@ -139,19 +145,16 @@ class _TaperedEnd:
 
 def _taper_limb_end(
     scan: RawSurface,
-    starts: Array,
-    ends: Array,
-    to_toe: Array,
-    radius: Array,
+    links: _LastLinks,
     places: Array,
     contact_index: IntArray,
     margin: float,
 ) -> _TaperedEnd:
-    """A last link: what narrows to the toe, or is near the surface on which the toe stands.
+    """Cut last links into what narrows to the toe, or is near the surface on which the toe stands.
 
-    starts, ends: (B, 3), radius: (B,), and to_toe: (B,) from the end to the toe; places: (U, 3) of
-    contacts; which: (B, C) contacts of each, -1 for none. Ways to the toe are along the axis.
+    places: (U, 3) of contacts; contact_index: (B, C) contacts of each link, -1 for none.
     """
+    starts, ends, to_toe, radius = links
     touching = 2 * scan.flatness + _TOE_ZONE
     taper_length = np.maximum((radius + scan.flatness) / SLENDER, NARROW)
     near_distances = np.concatenate([np.linspace(NARROW, touching, _NUM_PIECES + 1), [0.0]])

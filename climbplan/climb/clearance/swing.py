@@ -1,4 +1,4 @@
-"""Swing paths: how a toe moves clear of the terrain from one contact to the next.
+"""LimbSwing paths: how a toe moves clear of the terrain from one contact to the next.
 
 The straight way between two hover points is tried first, then ways over one point aside and ways
 drawn aside as a whole, nearest first. A way counts if the toe keeps its clearance, the limb reaches
@@ -143,46 +143,18 @@ def plan_swing_path(scene: MotionScene, swing: LimbSwing) -> Array:
     lift = scene.spec.trajectory.swing_clearance
     ends = compute_hover_points(swing.contacts, swing.normals, lift)
     robot = scene.robot.one_limb(swing.limb)
-    blocker: str | None = None
-    # Lifting off and setting down are parts of every path
-    segments = [
-        sample_path(np.stack(segment)) for segment in zip(swing.contacts, ends, strict=True)
-    ]
-    normals = [
-        np.broadcast_to(n, segment.shape)
-        for n, segment in zip(swing.normals, segments, strict=True)
-    ]
-    closest = _find_close_link(
-        scene,
-        swing,
-        _compute_links(robot, swing, np.concatenate(segments), np.concatenate(normals)),
-    )
-    if closest is not None:
-        raise SwingBlocked(closest, f"{closest.describe(scene)} as its toe is lifted or set down")
+    _require_clear_ends(scene, swing, ends)
     size = 0.0 if robot.foot is None else robot.foot.radius
-    if size:
-        for segment_points in segments:
-            close_solid = _find_close_solid(segment_points, solids, size - _CONTACT_TOLERANCE)
-            if close_solid is not None:
-                blocker = f"to where its foot of {1e3 * size:.0f} mm clears {close_solid.name!r}"
-                raise _build_failure(swing, blocker)
-    if robot.sole is not None:
-        for segment_points, under in zip(segments, normals, strict=True):
-            close_solid = _find_close_solid(
-                _compute_sole_points(robot.sole, segment_points, under), solids, -_CONTACT_TOLERANCE
-            )
-            if close_solid is not None:
-                raise _build_failure(swing, f"to where its sole clears {close_solid.name!r}")
     standing_robot = _StandingRobot.from_swing(scene.robot, swing)
+    blocker: str | None = None
+    closest: LimbShortfall | None = None
     num_tried, first_overlap = 0, None
     for path in _order_by_clearance(scene, generate_paths(swing.contacts, swing.normals, lift)):
         whole_path = path if np.array_equal(path[[0, -1]], ends) else join_path(ends, path)
-        segment_points = swing.interpolate_normals(whole_path)
+        normals = swing.interpolate_normals(whole_path)
         checked_points = sample_path(path)
         if robot.sole is not None:
-            checked_points = _compute_sole_points(
-                robot.sole, sample_path(whole_path), segment_points
-            )
+            checked_points = _compute_sole_points(robot.sole, sample_path(whole_path), normals)
         close_solid = _find_close_solid(checked_points, solids, TOE_CLEARANCE + size)
         if close_solid is not None:
             blocker = blocker or close_solid.name
@@ -192,7 +164,7 @@ def plan_swing_path(scene: MotionScene, swing: LimbSwing) -> Array:
         ):
             blocker = blocker or THE_SCAN
             continue
-        links = _compute_links(robot, swing, sample_path(whole_path), segment_points)
+        links = _compute_links(robot, swing, sample_path(whole_path), normals)
         if links is None:
             continue
         close_link = _find_close_link(scene, swing, links)
@@ -215,6 +187,41 @@ def plan_swing_path(scene: MotionScene, swing: LimbSwing) -> Array:
     raise _build_failure(
         swing, f"past {blocker!r}" if blocker is not None else "within the limb's reach"
     )
+
+
+def _require_clear_ends(scene: MotionScene, swing: LimbSwing, ends: Array) -> None:
+    """Raise where lifting off or setting down, which are parts of every path, are blocked.
+
+    ends: (2, 3) hover points above both contacts [m].
+    """
+    solids, robot = scene.terrain.solids, scene.robot.one_limb(swing.limb)
+    segments = [
+        sample_path(np.stack(segment)) for segment in zip(swing.contacts, ends, strict=True)
+    ]
+    normals = [
+        np.broadcast_to(n, segment.shape)
+        for n, segment in zip(swing.normals, segments, strict=True)
+    ]
+    closest = _find_close_link(
+        scene,
+        swing,
+        _compute_links(robot, swing, np.concatenate(segments), np.concatenate(normals)),
+    )
+    if closest is not None:
+        raise SwingBlocked(closest, f"{closest.describe(scene)} as its toe is lifted or set down")
+    if robot.foot is not None and (size := robot.foot.radius):
+        for segment_points in segments:
+            close_solid = _find_close_solid(segment_points, solids, size - _CONTACT_TOLERANCE)
+            if close_solid is not None:
+                blocker = f"to where its foot of {1e3 * size:.0f} mm clears {close_solid.name!r}"
+                raise _build_failure(swing, blocker)
+    if robot.sole is not None:
+        for segment_points, under in zip(segments, normals, strict=True):
+            close_solid = _find_close_solid(
+                _compute_sole_points(robot.sole, segment_points, under), solids, -_CONTACT_TOLERANCE
+            )
+            if close_solid is not None:
+                raise _build_failure(swing, f"to where its sole clears {close_solid.name!r}")
 
 
 def _build_failure(swing: LimbSwing, where: str) -> Unresolved:

@@ -73,6 +73,7 @@ def solve_accurate(
     prepared: CoupledProblem,
     initial: IntegralPoint | None,
     envelope: Envelope | None,
+    *,
     solver: str,
     pieces: int,
     gap: float,

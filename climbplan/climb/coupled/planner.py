@@ -165,10 +165,10 @@ def _plan_accurately(prepared: CoupledProblem) -> CoupledSolution:
         prepared,
         initial,
         None if envelope is None else envelope.box,
-        options.mip_solver,
-        options.pieces,
-        options.gap,
-        prepared.remaining_time,
+        solver=options.mip_solver,
+        pieces=options.pieces,
+        gap=options.gap,
+        time_limit=prepared.remaining_time,
     )
     if result.infeasible and envelope is None:
         raise Unresolved(

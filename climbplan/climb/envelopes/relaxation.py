@@ -9,6 +9,7 @@ relaxation is tight on small patches; an infeasible one proves P infeasible.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,33 +91,57 @@ def _build_layout(n: int) -> _ColumnSlices:
     return _ColumnSlices(slice(0, 3), slice(3, 6), slice(6, weight), slice(weight, size), size)
 
 
+_Rows = tuple[Array, Array, Array]  # matrix (R, C), lower and upper bounds (R,)
+
+
 def _build_program(
     legs: Legs, patches: LimbPatches, force: Array, moment: Array, vertex: Array, edge: Array
 ) -> tuple[LinearProgram, _ColumnSlices]:
-    n = legs.count
-    columns = _build_layout(n)
-    num_generators = CORNERS * FACETS
-    A: list[Array] = []
-    lower: list[Array] = []
-    upper: list[Array] = []
+    """Build the linear program of postures whose limbs balance force and moment."""
+    columns = _build_layout(legs.count)
+    rows = [
+        _build_balance_rows(columns, force, moment, vertex, edge),
+        *_build_force_rows(columns, edge),
+        *_build_workspace_rows(legs, columns, vertex),
+    ]
+    A, lower, upper = (np.concatenate(v) for v in zip(*rows, strict=True))
+    low, high = np.zeros(columns.size), np.full(columns.size, 1.0)
+    low[columns.com], high[columns.com] = -COM_RANGE, COM_RANGE
+    low[columns.rpy], high[columns.rpy] = -ROTATION_LIMIT, ROTATION_LIMIT
+    high[columns.pressed] = np.inf
+    # Little friction in use means little torsion
+    cost = np.zeros(columns.size)
+    cost[columns.pressed] = np.repeat(patches.friction, CORNERS * FACETS)
+    return LinearProgram(cost, low, high, sparse.csr_matrix(A), lower, upper), columns
 
-    def rows(matrix: Array, low: Array | float, high: Array | float) -> None:
-        A.append(matrix)
-        lower.append(np.broadcast_to(np.asarray(low, float), len(matrix)))
-        upper.append(np.broadcast_to(np.asarray(high, float), len(matrix)))
 
-    # Balance of forces and of moments about the point of reference: com x force + moment + sum = 0
+def _bound_rows(matrix: Array, low: Array | float, high: Array | float) -> _Rows:
+    """Return rows with a bound for each of them."""
+    lower, upper = (np.broadcast_to(np.asarray(v, float), len(matrix)) for v in (low, high))
+    return matrix, lower, upper
+
+
+def _build_balance_rows(
+    columns: _ColumnSlices, force: Array, moment: Array, vertex: Array, edge: Array
+) -> _Rows:
+    """Balance forces and moments about the point of reference: com x force + moment + sum = 0."""
     M = np.zeros((6, columns.size))
     M[:3, columns.pressed] = (
-        np.broadcast_to(edge[:, None], (n, CORNERS, FACETS, 3)).reshape(-1, 3).T
+        np.broadcast_to(edge[:, None], (len(edge), CORNERS, FACETS, 3)).reshape(-1, 3).T
     )
     M[3:, columns.pressed] = np.cross(vertex[:, :, None], edge[:, None]).reshape(-1, 3).T
     M[3:, columns.com] = -_build_skew_matrix(force)
-    rows(M, np.concatenate([-force, -moment]), np.concatenate([-force, -moment]))
+    load = np.concatenate([-force, -moment])
+    return _bound_rows(M, load, load)
+
+
+def _build_force_rows(columns: _ColumnSlices, edge: Array) -> Iterator[_Rows]:
+    """Yield the rows of corner weights, and of forces pressed at weighted corners."""
+    n, num_generators = len(edge), CORNERS * FACETS
     M = np.zeros((n, columns.size))
     for i in range(n):
         M[i, 6 + CORNERS * i : 6 + CORNERS * (i + 1)] = 1.0
-    rows(M, 1.0, 1.0)
+    yield _bound_rows(M, 1.0, 1.0)
     # A corner's pressure is weight times the limb's: envelopes on [0, 1] x [0, 1]
     M = np.zeros((2, n, CORNERS, columns.size))
     for i in range(n):
@@ -127,15 +152,19 @@ def _build_program(
             M[0, i, u, 6 + CORNERS * i + u] = -1.0
             M[1, i, u, first + FACETS * u : first + FACETS * (u + 1)] += 1.0
             M[1, i, u, 6 + CORNERS * i + u] = -1.0
-    rows(M[0].reshape(-1, columns.size), -np.inf, 0.0)
-    rows(M[1].reshape(-1, columns.size), -1.0, np.inf)
+    yield _bound_rows(M[0].reshape(-1, columns.size), -np.inf, 0.0)
+    yield _bound_rows(M[1].reshape(-1, columns.size), -1.0, np.inf)
     # Forces within [-1, 1] in each component
     M = np.zeros((n, 3, columns.size))
     for i in range(n):
         first = columns.weight.stop + num_generators * i
         M[i, :, first : first + num_generators] = np.tile(edge[i], (CORNERS, 1)).T
-    rows(M.reshape(-1, columns.size), -1.0, 1.0)
-    # Workspaces: d . (p - c - v - rpy x v) <= r
+    yield _bound_rows(M.reshape(-1, columns.size), -1.0, 1.0)
+
+
+def _build_workspace_rows(legs: Legs, columns: _ColumnSlices, vertex: Array) -> Iterator[_Rows]:
+    """Yield the rows of workspaces, d . (p - c - v - rpy x v) <= r, and of the reference's."""
+    n = legs.count
     for origin, radius in ((legs.shoulder, legs.reach), (legs.stance, legs.stance_radius)):
         v = origin / legs.length
         M = np.zeros((n, len(DIRECTIONS), columns.size))
@@ -144,29 +173,12 @@ def _build_program(
             M[i, :, columns.com] = -DIRECTIONS
             M[i, :, columns.rpy] = -np.cross(v[i], DIRECTIONS)
         limit = radius * INSCRIBED / legs.length + v @ DIRECTIONS.T
-        rows(M.reshape(-1, columns.size), -np.inf, limit.ravel())
+        yield _bound_rows(M.reshape(-1, columns.size), -np.inf, limit.ravel())
     # Toes within P of the point of reference, along each axis
     M = np.zeros((n, 3, columns.size))
     for i in range(n):
         M[i, :, 6 + CORNERS * i : 6 + CORNERS * (i + 1)] = vertex[i].T
-    rows(M.reshape(-1, columns.size), -1.0, 1.0)
-
-    low, high = np.zeros(columns.size), np.full(columns.size, 1.0)
-    low[columns.com], high[columns.com] = -COM_RANGE, COM_RANGE
-    low[columns.rpy], high[columns.rpy] = -ROTATION_LIMIT, ROTATION_LIMIT
-    high[columns.pressed] = np.inf
-    # Little friction in use means little torsion
-    cost = np.zeros(columns.size)
-    cost[columns.pressed] = np.repeat(patches.friction, num_generators)
-    program = LinearProgram(
-        cost,
-        low,
-        high,
-        sparse.csr_matrix(np.vstack(A)),
-        np.concatenate(lower),
-        np.concatenate(upper),
-    )
-    return program, columns
+    yield _bound_rows(M.reshape(-1, columns.size), -1.0, 1.0)
 
 
 def _build_skew_matrix(v: Array) -> Array:

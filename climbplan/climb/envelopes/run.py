@@ -8,12 +8,14 @@ from __future__ import annotations
 import hashlib
 import time
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.envelopes.dataset_rows import LabelledRows, read_labelled_rows
 from climbplan.climb.envelopes.distribution import build_distribution
+from climbplan.climb.envelopes.first_stage import FirstStage
 from climbplan.climb.envelopes.first_stage_labels import LabelledTerrains, build_labeller
 from climbplan.climb.envelopes.fit import (
     TheoremConditions,
@@ -102,54 +104,54 @@ def fit_envelopes(
     recentred_rows = training
     if method_wanted in ("all", "clustering", "genetic"):
         begin = time.process_time()
-        recentred_rows = recentre_points(
-            training, prepared, lambda share: report("recentring", share)
-        )
-        labels = build_labeller(_build_labelled(training, recentred_rows, terrains, fit), prepared)
+        recentred_rows = recentre_points(training, prepared, partial(report, "recentring"))
+        labelled = _build_labelled(training, recentred_rows, terrains, fit)
+        labels = build_labeller(labelled, prepared)
         envelopes_by_method["clustering"] = fit_by_clustering(recentred_rows, labels, spec)
         cpu_seconds["clustering"] = time.process_time() - begin
         clock.done("clustering")
     fitness = np.zeros((0, 3))
     if method_wanted in ("all", "genetic"):
         begin = time.process_time()
-        labels = build_labeller(
-            _build_labelled(training, recentred_rows, terrains, fit), prepared, jobs
-        )
-        searched = _run_search(
-            labels, training, list(envelopes_by_method.values()), fit, spec.seed, report
-        )
+        labelled = _build_labelled(training, recentred_rows, terrains, fit)
+        labels = build_labeller(labelled, prepared, jobs)
+        first = list(envelopes_by_method.values())
+        searched = _run_search(labels, training, first, fit, spec.seed, report)
         envelopes_by_method["genetic"] = searched.envelopes
         cpu_seconds["genetic"] = time.process_time() - begin
-        fitness = np.stack(
-            [searched.fitness_mean, searched.fitness_spread, searched.fitness_best], axis=1
-        )
+        history = searched.fitness_mean, searched.fitness_spread, searched.fitness_best
+        fitness = np.stack(history, axis=1)
         clock.done("genetic")
     checked = prepare_stages(statement, held_out, fit.first_stage)
-    fitted: list[FittedEnvelopes] = []
+    fitted = []
     for num_done, (method, envelopes) in enumerate(envelopes_by_method.items()):
         report("validation", num_done / len(envelopes_by_method))
-        if method_wanted not in ("all", method):
-            continue
-        if method == "heuristic":
-            envelopes = envelopes[:1]  # all alike
-        measured = measure(envelopes, held_out, checked)
-        fitted.append(
-            FittedEnvelopes(
-                method, envelopes, measured.validation, measured.conditions, cpu_seconds[method]
-            )
-        )
+        if method_wanted in ("all", method):
+            fitted.append(_validate(method, envelopes, held_out, checked, cpu_seconds[method]))
     clock.done("validation")
-    legs, seconds = terrains.legs, clock.seconds
     return EnvelopeRun(
-        legs.names,
-        legs.length,
-        tuple(fitted),
-        fitness,
-        recentred_rows,
-        held_out,
-        fingerprint,
-        seconds,
+        limb_names=terrains.legs.names,
+        position_scale=terrains.legs.length,
+        fitted=tuple(fitted),
+        fitness=fitness,
+        training=recentred_rows,
+        held_out=held_out,
+        fingerprint=fingerprint,
+        timings=clock.seconds,
     )
+
+
+def _validate(
+    method: str,
+    envelopes: EnvelopeSet,
+    held_out: TerrainDataset,
+    stages: list[FirstStage],
+    seconds: float,
+) -> FittedEnvelopes:
+    """Measure the envelopes of a method on held-out terrains; heuristic ones are all alike."""
+    different = envelopes[:1] if method == "heuristic" else envelopes
+    measured = measure(different, held_out, stages)
+    return FittedEnvelopes(method, different, measured.validation, measured.conditions, seconds)
 
 
 def _collect_rows(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -90,7 +91,6 @@ def explain_infeasible_forces(
     Raises:
         LimitReached: An instant is feasible after all, so that no solver could be trusted with it.
     """
-    from climbplan.climb.forces.conflict import find_irreducible_conflict
     from climbplan.climb.forces.verified_remedies import keep_verified_remedies
 
     infeasible, unbalanced = solved.missing, solved.unbalanced
@@ -101,34 +101,21 @@ def explain_infeasible_forces(
     for k in np.sort(np.concatenate([infeasible, unbalanced])):
         instant_label = instants.label(int(k), names)
         if k in unbalanced:
-            limbs = [names[i] for i in np.flatnonzero(statement.standing[k])]
-            conflict_text = (
-                f"balance on {_join_names(limbs, len(limbs))} alone" if limbs else "balance"
-            )
-            conflict_text += _describe_cop_excess(statement, int(k))
-            conflicts.append(
-                Conflict(instant_label, (conflict_text,), names=("force.equilibrium",))
-            )
+            conflicts.append(_explain_imbalance(statement, int(k), instant_label))
             worst = SufficientChanges(None, None, None, "mass", None)
             continue
         cones = build_instant_cones(statement, int(k))
         load = _select_load(scene, instants, statement, int(k), cones)
         if len(conflicts) < MAX_LISTED:
-            members = find_irreducible_conflict(cones)
-            if members is None:
-                raise LimitReached(
-                    f"{instant_label}: contact forces are feasible only just; no solver found them"
-                )
+            members = _find_conflict(cones, instant_label)
             is_unstable &= any(member.name == "static.stability" for member in members)
             changes = _compute_changes(cones, load, None)
             remedies = _build_remedies(scene, statement, changes)
             if len(infeasible) == 1 and not len(unbalanced):
                 remedies = keep_verified_remedies(scene, instants, remedies)
             phrases = _describe_members(members, cones, statement, int(k))
-            conflict = Conflict(
-                instant_label, tuple(phrases.values()), remedies, names=tuple(phrases)
-            )
-            conflicts.append(conflict)
+            texts = tuple(phrases.values())
+            conflicts.append(Conflict(instant_label, texts, remedies, names=tuple(phrases)))
             worst = _combine_changes(worst, changes)
         else:
             # The conflicts that are not listed are not looked into: taken to be like the others
@@ -139,14 +126,36 @@ def explain_infeasible_forces(
     if count > 1:
         common_remedies = ()
         if worst is not None:
-            common_remedies = keep_verified_remedies(
-                scene, instants, _build_remedies(scene, statement, worst)
-            )
+            remedies = _build_remedies(scene, statement, worst)
+            common_remedies = keep_verified_remedies(scene, instants, remedies)
         if common_remedies:
             message += f"; all have with {' or '.join(map(str, common_remedies))}"
     if count > len(conflicts[:MAX_LISTED]):
         message += f"; the first {MAX_LISTED}:"
     return NoForces(message, conflicts[:MAX_LISTED], is_unstable, common_remedies)
+
+
+def _explain_imbalance(statement: ForceStatement, k: int, label: str) -> Conflict:
+    """Return the conflict of an instant whose limbs cannot balance the load with any forces."""
+    names = statement.robot.limb_names
+    limbs = [names[i] for i in np.flatnonzero(statement.standing[k])]
+    text = f"balance on {_join_names(limbs, len(limbs))} alone" if limbs else "balance"
+    text += _describe_cop_excess(statement, k)
+    return Conflict(label, (text,), names=("force.equilibrium",))
+
+
+def _find_conflict(cones: InstantCones, label: str) -> list[Member]:
+    """Return the constraints of an instant that conflict.
+
+    Raises:
+        LimitReached: They are feasible after all.
+    """
+    from climbplan.climb.forces.conflict import find_irreducible_conflict
+
+    members = find_irreducible_conflict(cones)
+    if members is None:
+        raise LimitReached(f"{label}: contact forces are feasible only just; no solver found them")
+    return members
 
 
 def describe_fragile_instants(
@@ -299,55 +308,52 @@ def _build_remedies(
             remedies.append(Remedy(f"mu >= {min_mu:.4g}", key, min_mu))
         else:
             remedies.append(Remedy(f"friction coefficients {_round_up(factor):.4g} times as high"))
-    if changes.masses is not None:
-        low, high = changes.masses.min_mass, changes.masses.max_mass
-        key = "task.payload.mass" if changes.load_name == "payload" else ""
-        mass_text = None
-        if low <= 1e-6 * high:
-            mass_text = f"{changes.load_name} <= {_round_down(high):.4g} kg"
-        elif _round_up(low) < _round_down(high):
-            mass_text = (
-                f"{changes.load_name} from {_round_up(low):.4g} to {_round_down(high):.4g} kg"
-            )
-        if mass_text is not None:
-            remedies.append(Remedy(mass_text, key, _round_down(high)))
-    if changes.torque_factor is not None:
-        max_torque = scene.robot.max_torque
-        torque_factor = changes.torque_factor
-        remedies.append(
-            Remedy(f"torque limit >= {_round_up(torque_factor * float(max_torque[0, 0])):.4g} N m")
-            if np.ptp(max_torque) <= 1e-12 * max_torque.max() and not scene.robot.slides.any()
-            else Remedy(f"torque limits {_round_up(torque_factor):.4g} times as high")
-        )
-        # Where a margin has motors keep more than S_tau does, less of that is no help
-        torque_is_limiting = (
-            statement.max_s * statement.min_safety_torque
-        ).min() > 1 - _ROUNDING_MARGIN
-        safety_factor = statement.min_safety_torque / torque_factor
-        if torque_is_limiting and safety_factor * (1 - _ROUNDING_MARGIN) >= 1:
-            remedies.append(
-                Remedy(
-                    f"S_tau <= {_round_down(safety_factor):.4g}",
-                    "force.safety_torque",
-                    _round_down(safety_factor),
-                )
-            )
+    remedies += _build_mass_remedies(changes)
+    remedies += _build_torque_remedies(scene, statement, changes.torque_factor)
     if changes.stiffness_factor is not None:
         remedies.append(
             Remedy(f"{_round_up(changes.stiffness_factor):.4g} times the joint stiffness")
         )
-    if (
-        factor is not None
-        and (safety_factor := statement.safety_friction / factor) * (1 - _ROUNDING_MARGIN) >= 1
-    ):
-        remedies.append(
-            Remedy(
-                f"S_mu <= {_round_down(safety_factor):.4g}",
-                "force.safety_friction",
-                _round_down(safety_factor),
-            )
-        )
+    if factor is not None:
+        remedies += _reduce_safety_factor("friction", "S_mu", statement.safety_friction / factor)
     return tuple(remedies)
+
+
+def _build_mass_remedies(changes: SufficientChanges) -> Iterator[Remedy]:
+    """Yield the remedy of another mass of the payload or the robot, if one suffices."""
+    if changes.masses is None:
+        return
+    low, high = changes.masses.min_mass, changes.masses.max_mass
+    key = "task.payload.mass" if changes.load_name == "payload" else ""
+    max_mass = _round_down(high)
+    if low <= 1e-6 * high:
+        yield Remedy(f"{changes.load_name} <= {max_mass:.4g} kg", key, max_mass)
+    elif _round_up(low) < max_mass:
+        text = f"{changes.load_name} from {_round_up(low):.4g} to {max_mass:.4g} kg"
+        yield Remedy(text, key, max_mass)
+
+
+def _build_torque_remedies(
+    scene: MotionScene, statement: ForceStatement, factor: float | None
+) -> Iterator[Remedy]:
+    """Yield remedies equivalent to torque limits multiplied by a factor; None for no such one."""
+    if factor is None:
+        return
+    max_torque = scene.robot.max_torque
+    if np.ptp(max_torque) <= 1e-12 * max_torque.max() and not scene.robot.slides.any():
+        yield Remedy(f"torque limit >= {_round_up(factor * float(max_torque[0, 0])):.4g} N m")
+    else:
+        yield Remedy(f"torque limits {_round_up(factor):.4g} times as high")
+    # Where a margin has motors keep more than S_tau does, less of that is no help
+    if (statement.max_s * statement.min_safety_torque).min() > 1 - _ROUNDING_MARGIN:
+        yield from _reduce_safety_factor("torque", "S_tau", statement.min_safety_torque / factor)
+
+
+def _reduce_safety_factor(name: str, symbol: str, value: float) -> Iterator[Remedy]:
+    """Yield the remedy of a smaller safety factor, where it stays above 1."""
+    if value * (1 - _ROUNDING_MARGIN) >= 1:
+        rounded = _round_down(value)
+        yield Remedy(f"{symbol} <= {rounded:.4g}", f"force.safety_{name}", rounded)
 
 
 def _describe_members(

@@ -96,7 +96,9 @@ def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedF
         violating = violating[solved[violating]]
         if not len(violating):
             break
-        _solve_constrained(reduction, constraints, violating, solver, facets, force, solved)
+        _solve_constrained(
+            reduction, constraints, violating, solver, facets=facets, force=force, solved=solved
+        )
         violating = np.intersect1d(violating, constraints.find_violations(force))
     is_accepted = solved & (check_forces(statement, force).worst <= RESIDUAL_LIMIT)
     is_accepted[reduction.unbalanced] = True  # nothing to solve
@@ -104,7 +106,9 @@ def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedF
     if len(unsolved):
         _log.info("%d instants without an answer of %s, solved by Clarabel", len(unsolved), solver)
         constraints.reserve = 0.0  # a motion that needs it will say so
-        _solve_constrained(reduction, constraints, unsolved, "clarabel", facets, force, solved)
+        _solve_constrained(
+            reduction, constraints, unsolved, "clarabel", facets=facets, force=force, solved=solved
+        )
         is_accepted = solved & (check_forces(statement, force).worst <= RESIDUAL_LIMIT)
         is_accepted[reduction.unbalanced] = True
     missing = np.flatnonzero(~is_accepted)
@@ -116,6 +120,7 @@ def _solve_constrained(
     constraints: LazyConstraints,
     instants: IntArray,
     solver: str,
+    *,
     facets: int,
     force: Array,
     solved: BoolArray,

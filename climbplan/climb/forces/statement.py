@@ -96,8 +96,8 @@ class ForceStatement:
             self.joint_angles,
             self.jacobian,
             self.arms,
-            self.contact,
-            self.normal,
+            contact=self.contact,
+            normal=self.normal,
         )
 
     def as_published(self) -> ForceStatement:

@@ -6,6 +6,7 @@ last shift.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 
@@ -207,6 +208,33 @@ class LiftBalance:
             ] = rows[:, _NUM_LEADING_COLUMNS:]
         return repeated.reshape(count * len(rows), repeated.shape[-1])
 
+    def _build_torque_rows(self, jacobian: Array) -> Array:
+        """Build the rows (2 L J, 3 + 3 n) of torques in both directions, less their excess."""
+        torque_use = self._compute_torque_use(jacobian)
+        rows = np.zeros((len(self.stands), 2, self.scene.robot.joint_count, self.size))
+        for i, limb in enumerate(self.limb_of):
+            force_columns = slice(_NUM_LEADING_COLUMNS + 3 * i, _NUM_LEADING_COLUMNS + 3 * i + 3)
+            rows[limb, 0][:, force_columns] = torque_use[i].T
+            rows[limb, 1][:, force_columns] = -torque_use[i].T
+        rows[..., 2] = -1.0
+        return rows.reshape(-1, self.size)
+
+    def _build_depth_rows(self, posture: LiftPosture) -> Array:
+        """Build the rows (L, 3 + 3 n) of depths, relative to the required one; none without it."""
+        limbs = len(self.stands) if self.depth > 0 else 0
+        rows = np.zeros((limbs, self.size))
+        if limbs:
+            rows[:, _NUM_LEADING_COLUMNS:] = -posture.inward.reshape(limbs, -1) / self.depth
+        return rows
+
+    def _compute_force_margins(self, fraction: float) -> tuple[float, Array]:
+        """Compute least normal force and offsets (n,) of friction cones, per unit of the load."""
+        spec = self.scene.spec
+        weight = self.scene.robot.weight / self.unit / self.points
+        required = spec.force.min_normal_force / self.unit / self.points
+        min_force = max(fraction * spec.margins.normal_force * weight, required)
+        return min_force, -self.steep * fraction * spec.margins.friction * weight
+
     def solve(
         self,
         posture: LiftPosture,
@@ -226,22 +254,8 @@ class LiftBalance:
             max_shift: Largest shift [m].
             price: Cost of torques beyond the limits; 0 allows none.
         """
-        spec, size, n, phases = self.scene.spec, self.size, self.n, len(self.phases)
-        joints = self.scene.robot.joint_count
-        torque_use = self._compute_torque_use(posture.jacobian)
-        limbs = len(self.stands)
-        torque_rows = np.zeros((limbs, 2, joints, size))
-        for i, limb in enumerate(self.limb_of):
-            force_columns = slice(_NUM_LEADING_COLUMNS + 3 * i, _NUM_LEADING_COLUMNS + 3 * i + 3)
-            torque_rows[limb, 0][:, force_columns], torque_rows[limb, 1][:, force_columns] = (
-                torque_use[i].T,
-                -torque_use[i].T,
-            )
-        torque_rows[..., 2] = -1.0
-        # Depths by what is asked for, as rows of the size of others
-        depth_rows = np.zeros((limbs if self.depth > 0 else 0, size))
-        if len(depth_rows):
-            depth_rows[:, _NUM_LEADING_COLUMNS:] = -posture.inward.reshape(limbs, -1) / self.depth
+        size, n, phases = self.size, self.n, len(self.phases)
+        depth_rows = self._build_depth_rows(posture)
         equal = self._repeat_by_phase(self.equal)
         equal.reshape(phases, 6, -1)[:, 3:, :2] += np.swapaxes(posture.slope, 1, 2)
         load = np.tile(self.load, (phases, 1))
@@ -256,18 +270,12 @@ class LiftBalance:
         A = sparse.csc_matrix(
             np.vstack(
                 [equal, no_excess_row, self._repeat_by_phase(self.press),
-                 self._repeat_by_phase(torque_rows.reshape(-1, size)),
+                 self._repeat_by_phase(self._build_torque_rows(posture.jacobian)),
                  self._repeat_by_phase(depth_rows), excess_row,
                  self._repeat_by_phase(self.cones.reshape(3 * n, size)),
                  shift_balls.reshape(6, num_columns)]
             )
         )  # fmt: skip
-        P = sparse.diags(
-            [2.0, 2.0, 0.0, *[2 * _FORCE_WEIGHT] * (num_columns - _NUM_LEADING_COLUMNS)],
-            format="csc",
-        )
-        q = np.zeros(num_columns)
-        q[2] = price
         torque_slack = np.stack([-posture.links, posture.links], axis=1) + (1.0 - _TORQUE_MARGIN)
         torques = np.tile(torque_slack.ravel(), phases)
         kinds = [
@@ -275,21 +283,31 @@ class LiftBalance:
             clarabel.NonnegativeConeT(n * phases + len(torques) + len(depth_rows) * phases + 1),
             *[clarabel.SecondOrderConeT(3)] * (n * phases + 2),
         ]
-        weight = self.scene.robot.weight / self.unit / self.points
-        required = spec.force.min_normal_force / self.unit / self.points
-        min_force = max(margin_fraction * spec.margins.normal_force * weight, required)
+        min_force, cone_offset = self._compute_force_margins(margin_fraction)
         cone_offsets = np.zeros((phases, n, 3))
-        cone_offsets[..., 0] = -self.steep * margin_fraction * spec.margins.friction * weight
+        cone_offsets[..., 0] = cone_offset
         b = np.concatenate(
             [-load.ravel(), [0.0], np.full(n * phases, -min_force), torques,
              np.full(len(depth_rows) * phases, -1.0),
              [0.0], cone_offsets.ravel(), [max_shift, 0.0, 0.0], [trust + ZERO_SHIFT, *-center]]
         )  # fmt: skip
-        settings = clarabel.DefaultSettings()
-        settings.verbose = False
-        settings.max_threads = 1
-        solution = clarabel.DefaultSolver(P, q, A, b, kinds, settings).solve()
-        if str(solution.status) not in _SOLVED:
+        x = _minimise_shift(A, b, kinds, price)
+        if x is None:
             return None
-        x = np.array(solution.x)
         return BalanceSolution(x[:2], x[_NUM_LEADING_COLUMNS:].reshape(phases, -1), float(x[2]))
+
+
+def _minimise_shift(
+    A: sparse.csc_matrix, b: Array, kinds: Sequence[object], price: float
+) -> Array | None:
+    """Minimise squared shift and forces, and the price of excess; None without a solution."""
+    num_columns = A.shape[1]
+    squares = [2.0, 2.0, 0.0, *[2 * _FORCE_WEIGHT] * (num_columns - _NUM_LEADING_COLUMNS)]
+    q = np.zeros(num_columns)
+    q[2] = price
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    settings.max_threads = 1
+    P = sparse.diags(squares, format="csc")
+    solution = clarabel.DefaultSolver(P, q, A, b, kinds, settings).solve()
+    return np.array(solution.x) if str(solution.status) in _SOLVED else None

@@ -61,8 +61,8 @@ def plan_instants(scene: ClimbScene, rounds: Rounds) -> Instants:
         com.reshape(-1, 3),
         rpy.reshape(-1, 3),
         toes.reshape(-1, n, 3),
-        region.reshape(-1, n),
-        np.tile(lifted, (m, 1)),
+        region=region.reshape(-1, n),
+        lifted=np.tile(lifted, (m, 1)),
     )
     if scene.spec.posture.steps.com_shift_max > 0:
         instants = _shift_over_support(scene, instants)

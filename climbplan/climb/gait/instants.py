@@ -24,6 +24,7 @@ def build_instants_at(
     com: Array,
     rpy: Array,
     toes: Array,
+    *,
     region: IntArray,
     lifted: BoolArray,
 ) -> Instants:
@@ -32,7 +33,7 @@ def build_instants_at(
     Arguments as of `standing_at`. Raises ReachFailure naming round, limb and missing reach or joint
     bound.
     """
-    instants = build_instants(scene, rounds, com, rpy, toes, region, lifted)
+    instants = build_instants(scene, rounds, com, rpy, toes, region=region, lifted=lifted)
     return replace(
         instants, joint_angles=compute_joint_angles(scene.robot, instants, instants.toes)
     )
@@ -44,6 +45,7 @@ def build_instants(
     com: Array,
     rpy: Array,
     toes: Array,
+    *,
     region: IntArray,
     lifted: BoolArray,
 ) -> Instants:

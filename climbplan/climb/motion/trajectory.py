@@ -254,11 +254,11 @@ def _balance_weight_by_grips(
         states.normal,
         states.region,
         states.contact,
-        states.toes + arm - states.com[:, None],
-        states.force,
-        GripForces.unpack(states.contact_state[..., :PACKED]),
-        missing_moment,
-        _RANK_TOLERANCE,
+        arms=states.toes + arm - states.com[:, None],
+        force=states.force,
+        grips=GripForces.unpack(states.contact_state[..., :PACKED]),
+        missing_moment=missing_moment,
+        in_line=_RANK_TOLERANCE,
     )
     contact_state = np.concatenate(
         [grips.packed_array, grips.moment + np.cross(arm, force)], axis=-1

@@ -211,18 +211,16 @@ def plan_automatically(
     failed_trials = tuple(search.failed_trials)
     if all(isinstance(failure.error, LimitReached) for failure in failed_trials):
         time_ran_out = True
-    suggested = [
-        r
-        for failure in failed_trials
-        if isinstance(failure.error, NoPostures)
-        for r in failure.error.changes
-    ]
-    suggested += [r for failure in failed_trials for r in failure.error.remedies]
-    raise NoTrialSucceeded(
-        failed_trials,
-        tuple(_verify_changes(search, climb_scene, generate_candidates(climb_scene, suggested))),
-        time_ran_out,
-    )
+    candidates = generate_candidates(climb_scene, _collect_suggestions(failed_trials))
+    remedies = tuple(_verify_changes(search, climb_scene, candidates))
+    raise NoTrialSucceeded(failed_trials, remedies, time_ran_out)
+
+
+def _collect_suggestions(failed_trials: Iterable[FailedTrial]) -> list[Remedy]:
+    """Return the changes that failures suggest, first those of posture programs."""
+    errors = [failure.error for failure in failed_trials]
+    changes = [r for error in errors if isinstance(error, NoPostures) for r in error.changes]
+    return changes + [r for error in errors for r in error.remedies]
 
 
 def _add_provenance_warning(

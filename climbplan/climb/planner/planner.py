@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from climbplan.climb.motion.in_hand import plan_with_torque_reserve
-from climbplan.climb.motion.motion import StageClock, plan_motion, plan_support
-from climbplan.climb.plan.climb_plan import ClimbPlan, InstantForces, StepLimits
+from climbplan.climb.motion.motion import ClimbMotion, StageClock, plan_motion, plan_support
+from climbplan.climb.plan.climb_plan import ClimbPlan, InstantForces, StepLimits, Trajectory
 from climbplan.climb.planner.start_from_plan import resolve_start_plan
 from climbplan.climb.planner.summary import format_summary
 from climbplan.climb.planner.visual_geometry import load_visual_geometry
@@ -54,7 +54,6 @@ def plan_climb(
     clock = StageClock(report or (lambda stage, fraction: None))
     begin = time.monotonic()
     loaded = apply_scan(resolve_start_plan(loaded))
-
     attempts: list[LoadedClimb] = []
 
     def build_scene_of_spec(spec: ClimbSpec) -> ClimbScene:
@@ -134,22 +133,40 @@ def plan_by_method(
             count = str(scene.spec.task.round_count)
             loaded = loaded.with_overrides([Override("task.rounds", count, "rounds: auto")])
     motion, forces = supported.motion, supported.forces
-    rounds, instants = motion.posture.rounds, motion.instants
     with clock.stage("trajectory"):
         forces, trajectory = plan_with_torque_reserve(
-            scene, rounds, instants, forces, motion.swings
+            scene, motion.posture.rounds, motion.instants, forces, motion.swings
         )
+    timings = dict(clock.seconds)
+    plan = _assemble_plan(
+        loaded, scene, motion, forces, trajectory, timings=timings, assumed=assumed
+    )
+    return replace(plan, summary=format_summary(plan))
+
+
+def _assemble_plan(
+    loaded: LoadedClimb,
+    scene: ClimbScene,
+    motion: ClimbMotion,
+    forces: InstantForces,
+    trajectory: Trajectory,
+    *,
+    timings: dict[str, float],
+    assumed: tuple[str, ...],
+) -> ClimbPlan:
+    """Assemble the plan with grips, warnings and the robot's texts, without its summary."""
+    spec, instants = loaded.spec, motion.instants
     grips, grip_notes = None, tuple[str, ...]()
     if scene.grippers is not None:
         from climbplan.climb.forces.grips.plan import build_grip_plan, warn_of_extrapolation
 
         grips = build_grip_plan(scene, instants, forces, trajectory)
         grip_notes = warn_of_extrapolation(scene, instants)
-    plan = ClimbPlan(
+    return ClimbPlan(
         name=loaded.name,
         robot=scene.robot,
         terrain=scene.terrain,
-        rounds=rounds,
+        rounds=motion.posture.rounds,
         instants=instants,
         forces=forces,
         trajectory=trajectory,
@@ -161,7 +178,7 @@ def plan_by_method(
         spec_text=loaded.text,
         spec_sha256=loaded.sha256,
         seed=spec.seed,
-        timings=dict(clock.seconds),
+        timings=timings,
         solvers={
             "method": spec.solver.method,
             "posture": motion.posture.solver,
@@ -183,7 +200,6 @@ def plan_by_method(
         robot_texts=collect_robot_texts(spec.robot, loaded.directory, loaded.robot),
         looks=load_visual_geometry(loaded.robot, scene.robot),
     )
-    return replace(plan, summary=format_summary(plan))
 
 
 def _require_support(scene: ClimbScene) -> None:

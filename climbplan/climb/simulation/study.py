@@ -96,8 +96,8 @@ def simulate_plan(
         )  # fmt: skip
     elif request.worlds:
         risk = estimate_risk(
-            plan, conditions, request.engine, request.worlds, request.seed, request.jobs,
-            lambda part: progress("worlds", part),
+            plan, conditions, request.engine, request.worlds, request.seed, workers=request.jobs,
+            progress=lambda part: progress("worlds", part),
         )  # fmt: skip
         if isinstance(camera, SnapshotCamera):
             worst = _film_worst(plan, risk, conditions)

@@ -51,6 +51,7 @@ def plan_motion(
     tables: SearchTables,
     sequence: ContactSequence,
     safety_torque: float | None = None,
+    *,
     margin_fraction: float = 0.0,
     separate: bool = False,
     colliding_motion: Rounds | None = None,
@@ -79,10 +80,10 @@ def plan_motion(
         formulation,
         sequence,
         min_safety_torque,
-        margin_fraction,
-        separate,
-        link_pairs,
-        joint_margin,
+        margin_fraction=margin_fraction,
+        separate=separate,
+        link_pairs=link_pairs,
+        joint_margin=joint_margin,
     )
     bounds, p = data.bounds, formulation.theta(data.parameters)
     deadline = time.monotonic() + scene.spec.solver.time_limit

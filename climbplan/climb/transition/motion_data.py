@@ -129,6 +129,7 @@ def build_motion_data(
     formulation: StagedProgram,
     sequence: ContactSequence,
     safety_torque: float,
+    *,
     margin_fraction: float = 0.0,
     separate: bool = False,
     link_pairs: LinkPairs = (),
@@ -152,55 +153,48 @@ def build_motion_data(
     pose = np.concatenate([tables.poses.com[poses], tables.poses.rpy[poses]], axis=1)
     force, torque_use = compute_search_forces(tables, sequence)
     torque_use = np.where(np.isfinite(torque_use), torque_use, 1 / safety_torque)[:, None]
-    max_rotation = np.full(3, np.deg2rad(scene.spec.posture.rotation_limit_deg))
-    body = np.stack([scene.start.com, scene.goal.com])
-    span = scene.spec.posture.steps.com_max
-    pose_lower, pose_upper = pose.copy(), pose.copy()
-    pose_lower[0], pose_upper[0] = compute_first_pose_bounds(scene)
-    pose_lower[1:] = np.concatenate([body.min(axis=0) - span, -max_rotation])
-    pose_upper[1:] = np.concatenate([body.max(axis=0) + span, max_rotation])
+    pose_lower, pose_upper = _compute_pose_bounds(scene, len(poses))
     m = len(poses)
     toe = get_toes(tables, sequence)[1:].reshape(m, -1)
     toe_freedom = np.where(np.repeat(find_free_footholds(sequence)[1:], 3, axis=1), np.inf, 0.0)
     max_force = np.repeat(np.where(sequence.moves, 0.0, _MAX_FORCE), 3, axis=1)
-    max_torque_use = (1 - MARGIN) * min(1 / safety_torque, 1 - margins.torque)
+    max_s = np.array([(1 - MARGIN) * min(1 / safety_torque, 1 - margins.torque)])
     start = {"pose": pose, "toe": toe, "force": force.reshape(m, -1), "s": torque_use}
     lower = {"pose": pose_lower, "toe": toe - toe_freedom, "force": -max_force, "s": np.zeros(1)}
-    upper = {
-        "pose": pose_upper,
-        "toe": toe + toe_freedom,
-        "force": max_force,
-        "s": np.array([max_torque_use]),
-    }
+    upper = {"pose": pose_upper, "toe": toe + toe_freedom, "force": max_force, "s": max_s}
     toes, limbs = _compute_toe_points(tables, sequence), build_symbolic_limbs(scene.robot)
     at_toes = limbs.at_toes(scene.robot, toes)
     checked = np.swapaxes(_find_checked_toes(scene, sequence), 1, 2)[..., None]  # (M, POINTS, N, 1)
     for name in limbs.variable_shapes:
-        toe_values = at_toes[name]
-        limits = (np.full(toe_values.shape[-1], -np.inf), np.full(toe_values.shape[-1], np.inf))
+        values = at_toes[name]
+        limits: tuple[Array | float, Array | float] = (-np.inf, np.inf)
         if name == "angles":
             limits = compute_joint_limits(scene.robot, joint_margin)
         # Without constraints that tie them to toes they are fixed at their start
-        start[name] = toe_values.reshape(m, -1)
-        lower[name] = np.where(checked, limits[0], toe_values).reshape(m, -1)
-        upper[name] = np.where(checked, limits[1], toe_values).reshape(m, -1)
+        start[name], lower[name], upper[name] = (
+            v.reshape(m, -1) for v in (values, *(np.where(checked, end, values) for end in limits))
+        )
     toe_parameters = {name: at_toes[name] for name in limbs.parameter_shapes}
     if separate:
-        toe_parameters |= compute_separating_faces(
-            scene, pose[:, :3], pose[:, 3:], toes, checked[..., 0]
-        )
-        toe_parameters |= compute_separating_planes(
-            scene, toes, checked[..., 0], sequence.moves, link_pairs
-        )
-    return MotionData(
-        _build_parameters(tables, sequence, margins, toe_parameters),
-        formulation.point(start),
-        Bounds(
-            formulation.point(lower),
-            formulation.point(upper),
-            *_build_row_bounds(scene, formulation, sequence, margins, joint_margin),
-        ),
-    )
+        points = toes, checked[..., 0]
+        toe_parameters |= compute_separating_faces(scene, pose[:, :3], pose[:, 3:], *points)
+        toe_parameters |= compute_separating_planes(scene, *points, sequence.moves, link_pairs)
+    rows = _build_row_bounds(scene, formulation, sequence, margins, joint_margin)
+    bounds = Bounds(formulation.point(lower), formulation.point(upper), *rows)
+    parameters = _build_parameters(tables, sequence, margins, toe_parameters)
+    return MotionData(parameters, formulation.point(start), bounds)
+
+
+def _compute_pose_bounds(scene: TransitionScene, count: int) -> tuple[Array, Array]:
+    """Return lower and upper bounds (count, 6) of body poses, first of the pose at the start."""
+    max_rotation = np.full(3, np.deg2rad(scene.spec.posture.rotation_limit_deg))
+    body = np.stack([scene.start.com, scene.goal.com])
+    span = scene.spec.posture.steps.com_max
+    lower, upper = np.empty((count, 6)), np.empty((count, 6))
+    lower[0], upper[0] = compute_first_pose_bounds(scene)
+    lower[1:] = np.concatenate([body.min(axis=0) - span, -max_rotation])
+    upper[1:] = np.concatenate([body.max(axis=0) + span, max_rotation])
+    return lower, upper
 
 
 def _find_free_poses(scene: TransitionScene, rounds: int) -> BoolArray:

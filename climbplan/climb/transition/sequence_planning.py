@@ -103,8 +103,8 @@ def plan_instants(
         com,
         rounds.rpy[row],
         rounds.toes[row],
-        rounds.region[row],
-        lifted,
+        region=rounds.region[row],
+        lifted=lifted,
     )
     placed_toes = instants.toes.copy()
     placed_toes[::2] = rounds.toes[1:]
@@ -311,10 +311,10 @@ class _SequencePlanner:
                 self.tables,
                 self.sequence,
                 safety_torque,
-                margin_fraction,
-                self._separate,
-                self._colliding_motion,
-                joint_margin,
+                margin_fraction=margin_fraction,
+                separate=self._separate,
+                colliding_motion=self._colliding_motion,
+                joint_margin=joint_margin,
             )
         self.iterations += motion.iterations
         return motion

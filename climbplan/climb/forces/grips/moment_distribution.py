@@ -15,6 +15,7 @@ def distribute_moment(
     normal: Array,
     region: IntArray,
     contact: BoolArray,
+    *,
     arms: Array,
     force: Array,
     grips: GripForces,
@@ -37,34 +38,13 @@ def distribute_moment(
         force: (S, N, 3) contact forces [N].
         grips: The grips of these forces.
         missing_moment: (S, 3) moment to add [N m].
-        rank_tolerance: Singular values that count as zero, relative to the largest.
+        in_line: Singular values that count as zero, relative to the largest.
     """
     axis, span = grippers.axis[region], grippers.gripper.finger_span
-    cones = grip_cones(
-        normal,
-        axis,
-        grippers.undercut[region],
-        grippers.friction[region],
-        grippers.spines[region],
-    )
     part_forces = split_into_parts(force, grips.grip, grips.moment, grips.palm, axis, span)
-    pressure = np.maximum(cones.pressure(part_forces), 0.0)
-    max_shear = cones.mu[..., None] * pressure + cones.spines
-    if grippers.gripper.max_force <= 0:
-        max_shear[..., FIRST:], pressure[..., FIRST:] = 0.0, 0.0  # fingers stay open
-    standing = contact[..., None, None]
-    shear_weight, normal_weight = (
-        np.sqrt(max_shear)[..., None] * standing,
-        np.sqrt(pressure)[..., None] * standing,
-    )
+    weight_root = _compute_weight_roots(grippers, normal, region, contact, part_forces)
     part_positions = arms[..., None, :] + span / 2 * np.stack([0 * axis, axis, -axis], axis=-2)
-
     num_states = len(missing_moment)
-    normal_projector = cones.normal[..., None] * cones.normal[..., None, :]
-    weight_root = (
-        shear_weight[..., None] * (np.eye(3) - normal_projector)
-        + normal_weight[..., None] * normal_projector
-    )
     grasp = grasp_matrix(part_positions.reshape(num_states, -1, 3)).reshape(num_states, 6, -1, 3)
     weighted = np.einsum("sapi,spij->sapj", grasp, weight_root.reshape(num_states, -1, 3, 3))
     wrench = np.concatenate([np.zeros_like(missing_moment), missing_moment], axis=1)
@@ -76,4 +56,36 @@ def distribute_moment(
         grip=grips.grip + (axis * finger_difference).sum(axis=-1) / 2,
         palm=grips.palm + added_forces[..., 0, :],
         moment=grips.moment + span / 2 * np.cross(axis, finger_difference),
+    )
+
+
+def _compute_weight_roots(
+    grippers: Grippers, normal: Array, region: IntArray, contact: BoolArray, part_forces: Array
+) -> Array:
+    """Return the square roots (S, N, 3, 3, 3) of what each part may add, for forces (S, N, 3, 3).
+
+    Along its normal a part may add as much as it presses, along its surface what it holds by
+    friction and spines.
+    """
+    axis = grippers.axis[region]
+    cones = grip_cones(
+        normal,
+        axis,
+        grippers.undercut[region],
+        grippers.friction[region],
+        grippers.spines[region],
+    )
+    pressure = np.maximum(cones.pressure(part_forces), 0.0)
+    max_shear = cones.mu[..., None] * pressure + cones.spines
+    if grippers.gripper.max_force <= 0:
+        max_shear[..., FIRST:], pressure[..., FIRST:] = 0.0, 0.0  # fingers stay open
+    standing = contact[..., None, None]
+    shear_weight, normal_weight = (
+        np.sqrt(max_shear)[..., None] * standing,
+        np.sqrt(pressure)[..., None] * standing,
+    )
+    normal_projector = cones.normal[..., None] * cones.normal[..., None, :]
+    return np.asarray(
+        shear_weight[..., None] * (np.eye(3) - normal_projector)
+        + normal_weight[..., None] * normal_projector
     )

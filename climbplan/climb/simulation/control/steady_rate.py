@@ -50,7 +50,7 @@ def _compute_rates(plan: ClimbPlan) -> Array:
     arms = pushed_points(robot, instants.toes, instants.normal) - instants.com[:, None]
     contact = by_point(robot, instants.contact, 1)
     normal = by_point(robot, instants.normal, 1)
-    body = braced_body(robot, *pose, jacobian, arms, contact, normal)
+    body = braced_body(robot, *pose, jacobian, arms, contact=contact, normal=normal)
     change = relative_stiffness(body, plan.forces.force)
     damping = compute_joint_damping(robot, NOMINAL)
     turn = body.turn.reshape(len(arms), -1, 6)

@@ -28,7 +28,7 @@ _MIN_AXIS_LENGTH = 1e-6  # [m] an axis this short is none
 _TIE_SOLVER = 'solref="0.002 1" solimp="0.9999 0.9999 0.001"'
 _DUMMY_MASS = 1e-4  # [kg] of a body where a limb has no joint
 _ANY_AXIS = np.array([0.0, 0.0, 1.0])  # about which it does not turn
-_MIN_INERTIA = 1e-7  # [kg m^2] inertia of a link without length
+_NO_INERTIA = " ".join(["1e-07"] * 3)  # [kg m^2] principal inertia of a link without length
 
 
 @dataclass(frozen=True)
@@ -116,6 +116,7 @@ def build_chain_limb(
     limb: int,
     mass: float,
     joints_xml: Sequence[str],
+    *,
     toe_xml: str,
     tip: LimbTip,
     contype: int,
@@ -135,36 +136,23 @@ def build_chain_limb(
     """
     chain = require_chain(robot)
     points = np.concatenate([chain.joint_zero[limb], chain.toe_zero[limb][None]])
-    radius = compute_link_radius(robot)
     lines: list[str] = []
-    parent = np.zeros(3)
     shape_mass = mass if weights is None else 0.0
     for j, name in enumerate(name_motors(robot, limb)):
-        end = points[j + 1] - points[j]
-        exists = bool(chain.names[limb][j])
-        axis = chain.axis_zero[limb, j] if exists else _ANY_AXIS
-        if chain.slide_zero is not None and chain.sliding[limb, j]:
-            axis = chain.slide_zero[limb, j]
-        link_mass = mass if exists else _DUMMY_MASS
+        offset, end = points[j] - (points[j - 1] if j else 0.0), points[j + 1] - points[j]
         lines += [
-            f'<body name="{name}" pos="{format_numbers(points[j] - parent)}">',
-            joints_xml[j].format(name=name, axis=format_numbers(axis)),
+            f'<body name="{name}" pos="{format_numbers(offset)}">',
+            joints_xml[j].format(name=name, axis=format_numbers(_find_axis(chain, limb, j))),
         ]
         length = float(np.linalg.norm(end))
         if weights is not None:
-            lines.append(
-                write_inertial(
-                    weights.mass[limb, j],
-                    weights.middle[limb, j],
-                    weights.inertia[limb, j],
-                    f"the link moved by {chain.names[limb][j] or name}",
-                )
-            )
+            link_name = f"the link moved by {chain.names[limb][j] or name}"
+            link = weights.mass[limb, j], weights.middle[limb, j], weights.inertia[limb, j]
+            lines.append(write_inertial(*link, link_name))
         elif length < _MIN_LINK_LENGTH:
+            link_mass = mass if chain.names[limb][j] else _DUMMY_MASS
             lines.append(
-                f'<inertial pos="0 0 0" mass="{link_mass:.9g}" '
-                f'diaginertia="{_MIN_INERTIA} {_MIN_INERTIA} '
-                f'{_MIN_INERTIA}"/>'
+                f'<inertial pos="0 0 0" mass="{link_mass:.9g}" diaginertia="{_NO_INERTIA}"/>'
             )
         if length >= _MIN_LINK_LENGTH:
             is_last = j == robot.joint_count - 1
@@ -173,17 +161,24 @@ def build_chain_limb(
             lines.append(
                 f'<geom name="{name}" type="capsule" '
                 f'fromto="0 0 0 {format_numbers(shown_fraction * end)}" '
-                f'size="{radius:.6g}" mass="{shape_mass:.9g}" '
-                f'material="link" contype="{collision_class}" '
-                'conaffinity="0"/>'
+                f'size="{compute_link_radius(robot):.6g}" mass="{shape_mass:.9g}" material="link" '
+                f'contype="{collision_class}" conaffinity="0"/>'
             )
             if is_last:
                 lines += tip.geoms(end, contype)
         if robot.capsules is not None:
-            lines += _build_capsules(robot, robot.capsules, limb, j, points, tip, contype)
-        parent = points[j]
+            lines += _build_capsules(
+                robot, robot.capsules, limb, j, points=points, tip=tip, contype=contype
+            )
     lines.append(toe_xml.format(place=format_numbers(points[-1] - points[-2])))
     return [*lines, "</body>" * robot.joint_count]
+
+
+def _find_axis(chain: SerialChain, limb: int, joint: int) -> Array:
+    """Find the unit axis (3,) about which a joint rotates, or along which it slides."""
+    if chain.slide_zero is not None and chain.sliding[limb, joint]:
+        return chain.slide_zero[limb, joint]
+    return chain.axis_zero[limb, joint] if chain.names[limb][joint] else _ANY_AXIS
 
 
 def compute_link_radius(robot: Robot) -> float:
@@ -200,6 +195,7 @@ def _build_capsules(
     capsules: MountedCapsules,
     limb: int,
     joint: int,
+    *,
     points: Array,
     tip: LimbTip,
     contype: int,

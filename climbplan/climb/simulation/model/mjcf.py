@@ -342,7 +342,14 @@ def _build_chain(
 ) -> list[str]:
     joints = _build_joints(robot, limb, conditions)
     return build_chain_limb(
-        robot, limb, mass, joints, _build_end(robot, limb, conditions), tip, LINK, weights
+        robot,
+        limb,
+        mass,
+        joints,
+        toe_xml=_build_end(robot, limb, conditions),
+        tip=tip,
+        contype=LINK,
+        weights=weights,
     )
 
 

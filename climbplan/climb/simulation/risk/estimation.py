@@ -118,6 +118,7 @@ def estimate_risk(
     engine: Engine,
     worlds: int,
     seed: int,
+    *,
     workers: int = 1,
     progress: Callable[[float], None] | None = None,
     uncertainty: Uncertainty | None = None,

@@ -159,21 +159,12 @@ def run_multilevel_splitting(
     """
     if worlds < MIN_WORLDS:
         raise UsageError(f"--rare --worlds {worlds}: expected at least {MIN_WORLDS} worlds")
-    num_worlds_done = 0
-
-    def count_severity(numbers: Array) -> Array:
-        nonlocal num_worlds_done
-        proposed_severities = severity(numbers)
-        num_worlds_done += len(numbers)
-        if progress is not None:
-            progress(min(num_worlds_done / worlds, 1.0))
-        return proposed_severities
-
+    count_severity = _CountedSeverity(severity, worlds, progress)
     # As many chains as reach a probability of 1e-3, five levels, with the worlds of the pilot run
     num_pilot_chains = max(int(_PILOT_FRACTION * worlds / (1 + 4 * _STEPS_PER_LEVEL)), 20)
     levels, strides = _choose_levels(count_severity, size, num_pilot_chains, seed)
     cost = NUM_REPETITIONS * (1 + (len(levels) - 1) * _STEPS_PER_LEVEL)
-    chains = max((worlds - num_worlds_done) // cost, 4)
+    chains = max((worlds - count_severity.num_worlds_done) // cost, 4)
     states = [_draw_normal(seed, r + 1, 0, (chains, size)) for r in range(NUM_REPETITIONS)]
     severities = np.split(count_severity(np.concatenate(states)), NUM_REPETITIONS)
     pass_fractions = np.zeros((NUM_REPETITIONS, len(levels)))
@@ -203,7 +194,25 @@ def run_multilevel_splitting(
                 is_accepted = severity_of_proposal >= level
                 states[r] = np.where(is_accepted[:, None], proposed[r], states[r])
                 severities[r] = np.where(is_accepted, severity_of_proposal, severities[r])
+    num_worlds_done = count_severity.num_worlds_done
     return RareEventEstimate(seed, num_worlds_done, np.array(levels), pass_fractions)
+
+
+@dataclass
+class _CountedSeverity:
+    """A severity that counts and reports the worlds that it was evaluated in."""
+
+    severity: Severity
+    worlds: int  # that are expected
+    progress: Callable[[float], None] | None
+    num_worlds_done: int = 0
+
+    def __call__(self, numbers: Array) -> Array:
+        severities = self.severity(numbers)
+        self.num_worlds_done += len(numbers)
+        if self.progress is not None:
+            self.progress(min(self.num_worlds_done / self.worlds, 1.0))
+        return severities
 
 
 def _choose_levels(

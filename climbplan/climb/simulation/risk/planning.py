@@ -224,8 +224,8 @@ def _compute_allowed_falls(max_risk: float, risk: RiskEstimate) -> int:
 
 def _estimate(plan: ClimbPlan, worlds: int, seed: int, execution: Execution) -> RiskEstimate:
     return estimate_risk(
-        plan, Conditions(), ENGINE, worlds, seed, execution.workers,
-        lambda fraction: execution.report("risk", fraction),
+        plan, Conditions(), ENGINE, worlds, seed, workers=execution.workers,
+        progress=lambda fraction: execution.report("risk", fraction),
     )  # fmt: skip
 
 

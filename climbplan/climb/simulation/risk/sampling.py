@@ -40,7 +40,9 @@ def sample_worlds(
     Raises:
         UsageError: The quasi-static engine has no model of the robot.
     """
-    risk = estimate_risk(plan, Conditions(), ENGINE, worlds, seed, workers, progress)
+    risk = estimate_risk(
+        plan, Conditions(), ENGINE, worlds, seed, workers=workers, progress=progress
+    )
     return summarise_worlds(risk, plan)
 
 

@@ -34,7 +34,15 @@ def market_split(rows: int) -> Any:
     upper = np.concatenate([np.ones(n), np.full(2 * rows, np.inf)])
     whole = np.concatenate([np.ones(n, bool), np.zeros(2 * rows, bool)])
     half = np.floor(weights.sum(axis=1) / 2)
-    return build_linear_model(cost, 0.0, np.zeros(n + 2 * rows), upper, whole, off, half, half)
+    return build_linear_model(
+        cost,
+        off,
+        lower=np.zeros(n + 2 * rows),
+        upper=upper,
+        integer=whole,
+        row_lower=half,
+        row_upper=half,
+    )
 
 
 def test_a_tree_search_is_stopped() -> None:

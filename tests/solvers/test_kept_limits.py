@@ -66,13 +66,12 @@ def test_a_search_of_highs_that_does_not_stop_raises(monkeypatch: pytest.MonkeyP
     solver.passModel(
         build_linear_model(
             np.ones(1),
-            0.0,
-            np.zeros(1),
-            np.ones(1),
-            np.ones(1, bool),
             one,
-            np.array([0.5]),
-            np.array([2.0]),
+            lower=np.zeros(1),
+            upper=np.ones(1),
+            integer=np.ones(1, bool),
+            row_lower=np.array([0.5]),
+            row_upper=np.array([2.0]),
         )
     )
     assert run_highs(solver, deadline=time.monotonic() + 5.0) is not None

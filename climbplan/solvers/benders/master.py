@@ -95,13 +95,12 @@ class Master:
         count = sum(len(lower_ends) for _, lower_ends in cut_rows)
         lp = build_linear_model(
             np.concatenate([np.zeros(E), [1.0]]),
-            0.0,
-            np.concatenate([n.root_low.astype(float), [0.0]]),
-            np.concatenate([n.root_high.astype(float), [highspy.kHighsInf]]),
-            np.arange(E + 1) < E,
             sparse.vstack([integer_block, *(rows for rows, _ in cut_rows)]).tocsr(),
-            np.concatenate([low, *(lower_ends for _, lower_ends in cut_rows)]),
-            np.concatenate([high, np.full(count, np.inf)]),
+            lower=np.concatenate([n.root_low.astype(float), [0.0]]),
+            upper=np.concatenate([n.root_high.astype(float), [highspy.kHighsInf]]),
+            integer=np.arange(E + 1) < E,
+            row_lower=np.concatenate([low, *(lower_ends for _, lower_ends in cut_rows)]),
+            row_upper=np.concatenate([high, np.full(count, np.inf)]),
         )
         self._solver = create_highs()
         self._solver.setOptionValue("mip_abs_gap", _SAFE)

@@ -59,13 +59,12 @@ def compute_farkas_cut(
     solver.passModel(
         build_linear_model(
             np.zeros(form.size),
-            0.0,
-            lower,
-            upper,
-            np.zeros(form.size, bool),
             A,
-            np.concatenate([form.row_lower, form.indicator_lower[active]]),
-            np.concatenate([form.row_upper, form.indicator_upper[active]]),
+            lower=lower,
+            upper=upper,
+            integer=np.zeros(form.size, bool),
+            row_lower=np.concatenate([form.row_lower, form.indicator_lower[active]]),
+            row_upper=np.concatenate([form.row_upper, form.indicator_upper[active]]),
         )
     )
     run_highs(solver)

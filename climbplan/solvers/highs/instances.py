@@ -127,13 +127,13 @@ def _build_model(instance: Instance) -> Any:
     """Build the HiGHS model of an instance."""
     lp = build_linear_model(
         instance.q,
-        instance.constant,
-        instance.lower,
-        instance.upper,
-        instance.integer,
         sparse.csr_matrix(instance.A),
-        instance.row_lower,
-        instance.row_upper,
+        constant=instance.constant,
+        lower=instance.lower,
+        upper=instance.upper,
+        integer=instance.integer,
+        row_lower=instance.row_lower,
+        row_upper=instance.row_upper,
     )
     return build_quadratic_model(lp, instance.P) if instance.P.count_nonzero() else lp
 
@@ -194,13 +194,13 @@ class _OuterApproximation:
         rows = sparse.csr_matrix((A.data, A.indices, A.indptr), shape=(A.shape[0], n + S))
         self.lp = build_linear_model(
             np.concatenate([cost.slope, np.ones(S)]),
-            cost.constant,
-            np.concatenate([instance.lower, np.zeros(S)]),
-            np.concatenate([instance.upper, np.full(S, np.inf)]),
-            np.concatenate([instance.integer, np.zeros(S, bool)]),
             rows,
-            instance.row_lower,
-            instance.row_upper,
+            constant=cost.constant,
+            lower=np.concatenate([instance.lower, np.zeros(S)]),
+            upper=np.concatenate([instance.upper, np.full(S, np.inf)]),
+            integer=np.concatenate([instance.integer, np.zeros(S, bool)]),
+            row_lower=instance.row_lower,
+            row_upper=instance.row_upper,
         )
 
     def build_square_tangents(self, u: Array) -> tuple[sparse.csr_matrix, Array]:

@@ -37,13 +37,12 @@ class LinearProgram:
         """Build the HiGHS model; `integer` (n,) marks integer variables."""
         return build_linear_model(
             self.cost,
-            0.0,
-            self.lower,
-            self.upper,
-            integer,
             self.A,
-            self.row_lower,
-            self.row_upper,
+            lower=self.lower,
+            upper=self.upper,
+            integer=integer,
+            row_lower=self.row_lower,
+            row_upper=self.row_upper,
         )
 
 

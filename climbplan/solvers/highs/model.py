@@ -67,6 +67,30 @@ class _ReportedIncumbent:
         self.bound = float(event.data_out.mip_dual_bound)
 
 
+@dataclass
+class _StopRequest:
+    """A request to stop, which the callbacks of HiGHS fulfil."""
+
+    max_polls: float  # callbacks of a mixed-integer search after which it is stopped anyway
+    is_made: bool = False
+    num_polls: int = 0
+
+    def make(self) -> None:
+        """Request a stop at the next callback."""
+        self.is_made = True
+
+    def interrupt_if_made(self, event: Any) -> None:
+        """Interrupt HiGHS if a stop was requested."""
+        if self.is_made:
+            event.interrupt()
+
+    def count_poll(self, event: Any) -> None:
+        """Count a callback of a mixed-integer search; interrupt it also after too many."""
+        self.num_polls += 1
+        if self.is_made or self.num_polls > self.max_polls:
+            event.interrupt()
+
+
 def run_highs(
     solver: Any,
     max_polls: float = np.inf,
@@ -81,7 +105,7 @@ def run_highs(
 
     Args:
         solver: The solver with its model.
-        looks: Number of callbacks after which a mixed-integer search is stopped (status
+        max_polls: Number of callbacks after which a mixed-integer search is stopped (status
             `kInterrupt`).
         patience: Time [s] after a signal until a search is abandoned; it may be within a heuristic,
             which does not poll. The solver must not be used then.
@@ -92,27 +116,11 @@ def run_highs(
     """
     if entries := solver.getHessianNumNz():
         return run_uninterruptible(solver.run, entries + solver.getNumNz())
-    stopping = False
-    num_polls = 0
-
-    def stop() -> None:
-        nonlocal stopping
-        stopping = True
-
-    def stop_if_requested(event: Any) -> None:
-        if stopping:
-            event.interrupt()
-
-    def count_poll(event: Any) -> None:
-        nonlocal num_polls
-        num_polls += 1
-        if stopping or num_polls > max_polls:
-            event.interrupt()
-
+    request = _StopRequest(max_polls)
     subscriptions: list[tuple[Any, Callable[[Any], None]]] = [
-        (solver.cbMipInterrupt, count_poll),
-        (solver.cbSimplexInterrupt, stop_if_requested),
-        (solver.cbIpmInterrupt, stop_if_requested),
+        (solver.cbMipInterrupt, request.count_poll),
+        (solver.cbSimplexInterrupt, request.interrupt_if_made),
+        (solver.cbIpmInterrupt, request.interrupt_if_made),
     ]
     incumbent = _ReportedIncumbent()
     if np.isfinite(deadline):
@@ -122,11 +130,11 @@ def run_highs(
     has_returned = True
     try:
         if np.isinf(patience) and np.isinf(deadline):
-            with interruptible(stop):
+            with interruptible(request.make):
                 return solver.run()
         codes: list[Any] = []
         has_returned = run_in_thread(
-            lambda: codes.append(solver.run()), stop, patience, deadline + _OVERRUN
+            lambda: codes.append(solver.run()), request.make, patience, deadline + _OVERRUN
         )
         if not codes:
             raise SolverAbandoned(incumbent.x, incumbent.bound)
@@ -139,11 +147,12 @@ def run_highs(
 
 def build_linear_model(
     cost: Array,
-    constant: float,
+    A: sparse.csr_matrix,
+    *,
+    constant: float = 0.0,
     lower: Array,
     upper: Array,
     integer: BoolArray,
-    A: sparse.csr_matrix,
     row_lower: Array,
     row_upper: Array,
 ) -> Any:
@@ -167,13 +176,13 @@ def build_rows_model(rows: LinearRows, relaxed: bool = False) -> Any:
     """Build the model of named rows; `relaxed` drops integrality."""
     return build_linear_model(
         np.array(rows.cost),
-        rows.constant,
-        np.array(rows.lower),
-        np.array(rows.upper),
-        np.array(rows.integer) & (not relaxed),
         rows.matrix(),
-        rows.row_lower,
-        rows.row_upper,
+        constant=rows.constant,
+        lower=np.array(rows.lower),
+        upper=np.array(rows.upper),
+        integer=np.array(rows.integer) & (not relaxed),
+        row_lower=rows.row_lower,
+        row_upper=rows.row_upper,
     )
 
 

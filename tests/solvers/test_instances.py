@@ -199,7 +199,7 @@ def test_unknown_solvers_are_refused() -> None:
 
 def test_a_node_left_without_a_bound_proves_nothing() -> None:
     instance = _named("free-flyers").generate(0)
-    search = TreeSearch(instance, build_normal_form(instance), 1e-4, np.inf, 1e-7, None)
+    search = TreeSearch(instance, build_normal_form(instance), 1e-4, np.inf, 1e-7)
     assert search.proves_infeasible  # nothing is open, nothing was left
     search.closed_bound = -np.inf
     assert not search.proves_infeasible

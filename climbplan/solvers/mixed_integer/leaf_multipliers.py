@@ -47,6 +47,24 @@ class _InequalityRows:
     sign: Array  # (m,) 1 for an upper side and for an equation, -1 for a lower side
 
 
+class _FreeRows(NamedTuple):
+    """Rows over the free variables: equations, inequalities and bounds, without empty ones."""
+
+    equations: _InequalityRows
+    inequalities: _InequalityRows
+    bounds: _InequalityRows
+
+
+class _LeafProgram(NamedTuple):
+    """Minimise 1/2 x'P x + q'x subject to A x + s = b with s in a product of cones."""
+
+    P: sparse.csc_matrix
+    q: Array
+    A: sparse.spmatrix
+    b: Array
+    cones: list[Any]
+
+
 def compute_leaf_multipliers(
     instance: Instance, rows: CertificateRows, box: CertificateBox, empty: bool
 ) -> RelaxationSolution | None:
@@ -62,7 +80,6 @@ def compute_leaf_multipliers(
         None where no variable is free, or the solver fails. The multipliers have no point where
         they prove that the relaxation is infeasible.
     """
-    n, size = instance.size, len(rows.integer)
     width = box.upper - box.lower
     free = np.flatnonzero(width > _FIXED * np.maximum(1.0, np.abs(box.lower)))
     if not len(free):
@@ -70,76 +87,94 @@ def compute_leaf_multipliers(
     fixed = np.where(np.isfinite(width), 0.5 * (box.lower + box.upper), 0.0)
     fixed[free] = 0.0
     equal = np.zeros(len(rows.lower), bool) if empty else _find_equations(rows, box)
-    blocks = [
-        _build_equations(rows, equal),
-        _build_inequalities(rows, box, ~equal),
-        _build_bounds(box, free),
-    ]
-    free_rows = []
-    for block in blocks:
-        A = block.A[:, free]
-        nonempty = np.flatnonzero(np.diff(A.indptr))
-        free_rows.append(
-            _InequalityRows(
-                A[nonempty],
-                (block.b - block.A @ fixed)[nonempty],
-                block.row[nonempty],
-                block.sign[nonempty],
-            )
-        )
-    elastic_columns = [
-        np.zeros(len(free_rows[0].b)),
-        np.full(len(free_rows[1].b), -1.0),
-        np.zeros(len(free_rows[2].b)),
-    ]
+    blocks = _FreeRows(
+        _substitute_fixed(_build_equations(rows, equal), free, fixed),
+        _substitute_fixed(_build_inequalities(rows, box, ~equal), free, fixed),
+        _substitute_fixed(_build_bounds(box, free), free, fixed),
+    )
     F, f, radius_mask, lengths = _build_balls(instance, free, fixed)
-    A = sparse.vstack([*(block.A for block in free_rows), F])
-    b = np.concatenate([*(block.b for block in free_rows), f])
-    cones = [clarabel.ZeroConeT(len(free_rows[0].b))] if len(free_rows[0].b) else []
-    if inequalities := len(free_rows[1].b) + len(free_rows[2].b):
+    A = sparse.vstack([*(block.A for block in blocks), F])
+    b = np.concatenate([*(block.b for block in blocks), f])
+    cones = [clarabel.ZeroConeT(len(blocks.equations.b))] if len(blocks.equations.b) else []
+    if inequalities := len(blocks.inequalities.b) + len(blocks.bounds.b):
         cones.append(clarabel.NonnegativeConeT(inequalities))
     cones += [clarabel.SecondOrderConeT(int(length)) for length in lengths]
-    P = sparse.csc_matrix((size, size))
-    q = np.zeros(size)
-    if not empty:
-        P = sparse.block_diag([instance.P, sparse.csc_matrix((size - n, size - n))], format="csc")
-        q[:n] = instance.q
-        q += P @ fixed
-    P, q = sparse.csc_matrix(P[free][:, free]), q[free]
     if empty:
-        column = np.concatenate([*elastic_columns, -radius_mask])
-        positive = sparse.csr_matrix(([-1.0], ([0], [len(free)])), (1, len(free) + 1))
-        A = sparse.vstack([positive, sparse.hstack([A, column[:, None]])])
-        b = np.append(0.0, b)
-        cones = [clarabel.NonnegativeConeT(1), *cones]
-        P, q = sparse.csc_matrix((len(q) + 1, len(q) + 1)), np.append(np.zeros(len(q)), 1.0)
-    solution = _solve_conic(P, q, A, b, cones)
+        program = _build_elastic_program(blocks, A, b, cones, radius_mask)
+    else:
+        program = _LeafProgram(*_restrict_cost(instance, free, fixed), A, b, cones)
+    solution = _solve_conic(program)
     if solution is None:
         return None
     x, z, infeasible = solution
     z = z[1:] if empty else z
     y, offset = np.zeros(len(rows.lower)), 0
-    for block in free_rows[:2]:
+    for block in (blocks.equations, blocks.inequalities):
         np.add.at(y, block.row, -block.sign * z[offset : offset + len(block.b)])
         offset += len(block.b)
-    offset += len(free_rows[2].b)
+    offset += len(blocks.bounds.b)
     vector_rows = np.flatnonzero(radius_mask == 0.0)  # behind each ball's radius its coordinates
     ball = -z[offset:][vector_rows]
     v = fixed.copy()
     v[free] = np.clip(x[: len(free)], box.lower[free], box.upper[free])
-    return RelaxationSolution(Multipliers(None if empty or infeasible else v[:n], y, ball), v)
+    point = None if empty or infeasible else v[: instance.size]
+    return RelaxationSolution(Multipliers(point, y, ball), v)
 
 
-def _solve_conic(
-    P: sparse.csc_matrix, q: Array, A: sparse.spmatrix, b: Array, cones: list[Any]
-) -> tuple[Array, Array, bool] | None:
+def _substitute_fixed(rows: _InequalityRows, free: IntArray, fixed: Array) -> _InequalityRows:
+    """Substitute the fixed variables into rows over all (N,), and drop rows without free ones."""
+    A = rows.A[:, free]
+    nonempty = np.flatnonzero(np.diff(A.indptr))
+    b = (rows.b - rows.A @ fixed)[nonempty]
+    return _InequalityRows(A[nonempty], b, rows.row[nonempty], rows.sign[nonempty])
+
+
+def _restrict_cost(
+    instance: Instance, free: IntArray, fixed: Array
+) -> tuple[sparse.csc_matrix, Array]:
+    """Return Hessian and slope of the cost over the free ones of N variables, others fixed."""
+    n, size = instance.size, len(fixed)
+    P = sparse.block_diag([instance.P, sparse.csc_matrix((size - n, size - n))], format="csc")
+    q = np.zeros(size)
+    q[:n] = instance.q
+    q += P @ fixed
+    return sparse.csc_matrix(P[free][:, free]), q[free]
+
+
+def _build_elastic_program(
+    blocks: _FreeRows, A: sparse.spmatrix, b: Array, cones: list[Any], radius_mask: Array
+) -> _LeafProgram:
+    """Build: minimise t >= 0 such that inequalities and balls, all of A x + s = b, hold within t.
+
+    Equations and bounds hold exactly. The first row is t >= 0, the last variable is t.
+    """
+    k = A.shape[1]
+    column = np.concatenate(
+        [
+            np.zeros(len(blocks.equations.b)),
+            np.full(len(blocks.inequalities.b), -1.0),
+            np.zeros(len(blocks.bounds.b)),
+            -radius_mask,
+        ]
+    )
+    positive = sparse.csr_matrix(([-1.0], ([0], [k])), (1, k + 1))
+    return _LeafProgram(
+        P=sparse.csc_matrix((k + 1, k + 1)),
+        q=np.append(np.zeros(k), 1.0),
+        A=sparse.vstack([positive, sparse.hstack([A, column[:, None]])]),
+        b=np.append(0.0, b),
+        cones=[clarabel.NonnegativeConeT(1), *cones],
+    )
+
+
+def _solve_conic(program: _LeafProgram) -> tuple[Array, Array, bool] | None:
     """Solve the conic program; return point, multipliers and whether it is infeasible."""
     settings = clarabel.DefaultSettings()
     settings.verbose = False
     settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = _ACCURACY
     settings.tol_infeas_abs = settings.tol_infeas_rel = _ACCURACY
-    upper = sparse.csc_matrix(sparse.triu(P))
-    solver = clarabel.DefaultSolver(upper, q, sparse.csc_matrix(A), b, cones, settings)
+    upper, A = sparse.csc_matrix(sparse.triu(program.P)), sparse.csc_matrix(program.A)
+    solver = clarabel.DefaultSolver(upper, program.q, A, program.b, program.cones, settings)
     solution = solver.solve()
     x, z = np.array(solution.x), np.array(solution.z)
     if not (np.isfinite(x).all() and np.isfinite(z).all()):

@@ -40,6 +40,7 @@ def solve_mixed_integer(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
+    *,
     known_result: KnownResult | None = None,
     nodes: int = UNLIMITED,
     proposals: Sequence[Proposal] = (),

@@ -11,6 +11,7 @@ while they are undecided.
 from __future__ import annotations
 
 import time
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -31,13 +32,14 @@ from climbplan.solvers.mixed_integer.product_data import (
     build_spatial,
     empty_spatial,
 )
-from climbplan.solvers.mixed_integer.propagation import propagate_bounds
+from climbplan.solvers.mixed_integer.propagation import SparseRows, propagate_bounds
 from climbplan.solvers.mixed_integer.row_stack import (
     Coordinates,
     NodeRows,
     append_products,
     stack_rows,
 )
+from climbplan.solvers.mixed_integer.spatial import Spatial
 from climbplan.solvers.mixed_integer.switch_pairs import find_switches
 
 _ROUNDS = 20
@@ -78,7 +80,7 @@ def build_mixed_integer_program(
         return ProvedInfeasible("a row cannot hold within the bounds")
     if time.perf_counter() >= deadline:
         return None
-    return _scale_rows(instance, form, space, cost, stack, factors)
+    return _assemble_program(instance, form, space, cost, stack, factors)
 
 
 def find_equations(lower: Array, upper: Array) -> BoolArray:
@@ -92,11 +94,13 @@ def _propagate_box(form: IndicatorForm) -> tuple[Array, Array] | None:
     integer = form.integer
     lower[integer], upper[integer] = np.ceil(lower[integer] - 1e-9), np.floor(upper[integer] + 1e-9)
     A, C = form.A, form.C
+    plain = SparseRows(A.indptr, A.indices, A.data, form.row_lower, form.row_upper)
+    conditional = SparseRows(
+        C.indptr, C.indices, C.data, form.indicator_lower, form.indicator_upper
+    )
     possible = bool((lower <= upper).all()) and propagate_bounds(
-        A.indptr, A.indices, A.data, form.row_lower, form.row_upper,
-        C.indptr, C.indices, C.data, form.indicator_lower, form.indicator_upper, form.indicator,
-        form.value, form.integer, lower, upper, _ROUNDS,
-    )  # fmt: skip
+        plain, conditional, form.indicator, form.value, form.integer, lower, upper, _ROUNDS
+    )
     return (lower, upper) if possible else None
 
 
@@ -140,7 +144,62 @@ def _eliminate_variables(
     )
 
 
-def _scale_rows(
+class _Entities(NamedTuple):
+    """Integers, then factors of products: their ranges at the root, and data of the products."""
+
+    entity_of: IntArray  # (size,) entity of each variable, -1 for none
+    root_low: Array  # (E,)
+    root_high: Array  # (E,)
+    spatial: Spatial
+
+
+def _number_entities(
+    form: IndicatorForm,
+    space: Coordinates,
+    cost: Cost,
+    factors: ProductFactors | None,
+    num_stated: int,
+) -> _Entities:
+    """Number integers and factors; products have their rows after the `num_stated` stated ones."""
+    entities = np.flatnonzero(form.integer)
+    entity_of = np.full(form.size, -1)
+    entity_of[entities] = np.arange(len(entities))
+    root_low, root_high = space.lower[entities], space.upper[entities]
+    if factors is None:
+        spatial = empty_spatial(len(entities), space.X.shape[1])
+        return _Entities(entity_of, root_low, root_high, spatial)
+    entity_of[factors.space] = len(entities) + np.arange(len(factors.space))
+    cells = Cells.divide(space.lower[factors.space], space.upper[factors.space])
+    spatial = build_spatial(
+        factors,
+        cells,
+        entity_of=entity_of,
+        num_integers=len(entities),
+        start=space.start,
+        over_v=_express_over_v(cost, space.X),
+        num_stated=num_stated,
+    )
+    return _Entities(
+        entity_of,
+        np.concatenate([root_low, np.zeros(len(cells.count))]),
+        np.concatenate([root_high, cells.count - 1.0]),
+        spatial,
+    )
+
+
+def _express_over_v(cost: Cost, R: Array) -> Array:
+    """Return the coefficients over v of rows (m, k) over w."""
+    return solve_triangular(cost.L, R.T, lower=True).T if R.shape[1] else R
+
+
+def _scale_rows(R: Array) -> tuple[Array, Array]:
+    """Scale rows (m, k) to unit length; return them and their lengths (m,)."""
+    norm = np.linalg.norm(R, axis=1)
+    norm = np.where(norm > 0.0, norm, 1.0)  # a factor that equations leave one value
+    return np.ascontiguousarray(R / norm[:, None]), norm
+
+
+def _assemble_program(
     instance: Instance,
     form: IndicatorForm,
     space: Coordinates,
@@ -148,32 +207,13 @@ def _scale_rows(
     stack: NodeRows,
     factors: ProductFactors | None,
 ) -> MixedIntegerProgram:
-    """Scale rows over v to unit length and assemble the problem data."""
-    k = space.X.shape[1]
-    entities = np.flatnonzero(form.integer)
-    num_stated = len(stack.R)
-    if factors is not None:
-        stack = append_products(stack, form, factors, space)
-    M = solve_triangular(cost.L, stack.R.T, lower=True).T if k else stack.R
-    norm = np.linalg.norm(M, axis=1)
-    norm = np.where(norm > 0.0, norm, 1.0)  # a factor that equations leave one value
-    M = np.ascontiguousarray(M / norm[:, None])
+    """Assemble the problem data over v from rows over w."""
+    numbering = _number_entities(form, space, cost, factors, len(stack.R))
+    stack = stack if factors is None else append_products(stack, form, factors, space)
+    M, norm = _scale_rows(_express_over_v(cost, stack.R))
     value_at_u = -(M @ cost.u)  # value at v = 0, by unit of v
     low, high = space.lower[space.independent], space.upper[space.independent]
     ball_rows, ball, radius = _build_balls(instance, space.X, space.start)
-    entity_of = np.full(form.size, -1)
-    entity_of[entities] = np.arange(len(entities))
-    root_low, root_high = space.lower[entities], space.upper[entities]
-    spatial = empty_spatial(len(entities), k)
-    if factors is not None:
-        entity_of[factors.space] = len(entities) + np.arange(len(factors.space))
-        cells = Cells.divide(space.lower[factors.space], space.upper[factors.space])
-        over_v = solve_triangular(cost.L, space.X.T, lower=True).T if k else space.X
-        spatial = build_spatial(
-            factors, entity_of, len(entities), cells, space.start, over_v, num_stated
-        )
-        root_low = np.concatenate([root_low, np.zeros(len(cells.count))])
-        root_high = np.concatenate([root_high, cells.count - 1.0])
     numbers = ProblemData(
         lower=stack.low / norm - value_at_u,
         upper=stack.high / norm - value_at_u,
@@ -186,9 +226,9 @@ def _scale_rows(
         value_row=stack.value_row.astype(np.int64),
         indicator_start=stack.indicator_start.astype(np.int64),
         indicator_rows=stack.indicator_rows.astype(np.int64),
-        group=_find_groups(form, entity_of).astype(np.int64),
-        root_low=root_low.astype(np.int64),
-        root_high=root_high.astype(np.int64),
+        group=_find_groups(form, numbering.entity_of).astype(np.int64),
+        root_low=numbering.root_low.astype(np.int64),
+        root_high=numbering.root_high.astype(np.int64),
         L=np.ascontiguousarray(cost.L),
         U=np.ascontiguousarray(cost.L.T),
         u=cost.u,
@@ -203,7 +243,7 @@ def _scale_rows(
         ball_rows=ball_rows,
         ball=ball,
         radius=radius,
-        spatial=spatial,
+        spatial=numbering.spatial,
     )
     return MixedIntegerProgram(
         data=numbers,
@@ -212,7 +252,7 @@ def _scale_rows(
         tolerance=np.maximum(_FEASIBLE / norm, 1e-13),
         X=space.X,
         start=space.start,
-        entities=entities,
+        entities=np.flatnonzero(form.integer),
         factors=np.zeros(0, np.int64) if factors is None else factors.space,
         products=form.size if factors is None else int(factors.places[0]),
         row_key=stack.key,

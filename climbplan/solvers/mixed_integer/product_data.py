@@ -142,9 +142,10 @@ def empty_spatial(entities: int, k: int) -> Spatial:
 
 def build_spatial(
     factors: ProductFactors,
+    cells: Cells,
+    *,
     entity_of: IntArray,
     num_integers: int,
-    cells: Cells,
     start: Array,
     over_v: Array,
     num_stated: int,
@@ -153,12 +154,12 @@ def build_spatial(
 
     Args:
         factors: Factors of the products.
-        number: (size,) entity of each variable.
-        integers: Number of integers among the entities.
         cells: Division of the factors' ranges.
+        entity_of: (size,) entity of each variable, -1 for none.
+        num_integers: Number of integers among the entities.
         start: (size,) each variable at w = 0.
         over_v: (size, k) each variable over v.
-        stated: Number of rows before those of factors, products and envelopes.
+        num_stated: Number of rows before those of factors, products and envelopes.
     """
     products, K, F = factors.products, factors.products.count, len(factors.space)
     variables = np.stack([factors.places, products.first, products.second], axis=1)

@@ -75,6 +75,7 @@ class _RowCollector:
         base: Array,
         low: Array,
         high: Array,
+        *,
         key: IntArray,
         activation: int,
         entity: IntArray | None = None,
@@ -113,9 +114,9 @@ def stack_rows(form: IndicatorForm, space: Coordinates) -> NodeRows | None:
     scale = np.maximum(*(np.where(np.isfinite(e), e, 0.0) for e in (excess_low, excess_high)))
     pile.append(
         C_w, C_start, form.indicator_lower, form.indicator_upper,
-        keys.first_conditional + np.arange(len(form.indicator)), DECIDED,
-        entity_of[form.indicator], form.value,
-        1.0 / np.maximum(scale, 1e-6),
+        key=keys.first_conditional + np.arange(len(form.indicator)), activation=DECIDED,
+        entity=entity_of[form.indicator], value=form.value,
+        inverse_big_m=1.0 / np.maximum(scale, 1e-6),
     )  # fmt: skip
     order = np.argsort(entity_of[form.indicator], kind="stable")
     first = np.searchsorted(entity_of[form.indicator][order], np.arange(len(entities) + 1))
@@ -132,7 +133,7 @@ def stack_rows(form: IndicatorForm, space: Coordinates) -> NodeRows | None:
             weight_a[:, None] * C_w[a] + weight_c[:, None] * C_w[c],
             weight_a * C_start[a] + weight_c * C_start[c],
             np.full(len(a), -np.inf), 1.0 + weight_a * right_side_a + weight_c * right_side_c,
-            keys.encode_pair(a, sign_a, c, sign_c), UNDECIDED, switch_of_pair,
+            entity=switch_of_pair, activation=UNDECIDED, key=keys.encode_pair(a, sign_a, c, sign_c),
         )  # fmt: skip
     for sign, bound, excess in (
         (1.0, form.indicator_upper, excess_high), (-1.0, form.indicator_lower, excess_low)
@@ -152,7 +153,7 @@ def stack_rows(form: IndicatorForm, space: Coordinates) -> NodeRows | None:
             sign * C_start[selected] + slope * space.start[binary],
             np.full(len(selected), -np.inf),
             sign * bound[selected] + np.where(form.value[selected] == 1, excess[selected], 0.0),
-            keys.encode_big_m(selected, sign), UNDECIDED, entity_of[binary],
+            key=keys.encode_big_m(selected, sign), activation=UNDECIDED, entity=entity_of[binary],
         )  # fmt: skip
     return _drop_redundant(form, space, pile, num_plain, order, first)
 
@@ -208,7 +209,7 @@ def _append_bounds(rows: _RowCollector, form: IndicatorForm, space: Coordinates)
     low = np.where(is_entity, space.lower[columns], form.lower[columns])
     high = np.where(is_entity, space.upper[columns], form.upper[columns])
     low[inside], high[inside] = space.lower[space.independent], space.upper[space.independent]
-    rows.append(space.X[columns], space.start[columns], low, high, columns, ALWAYS)
+    rows.append(space.X[columns], space.start[columns], low, high, key=columns, activation=ALWAYS)
 
 
 def _append_plain(
@@ -220,7 +221,7 @@ def _append_plain(
     rows.append(
         A @ space.X, form.A[unequal] @ space.start,
         form.row_lower[unequal], form.row_upper[unequal],
-        keys.first_plain + unequal, ALWAYS,
+        key=keys.first_plain + unequal, activation=ALWAYS,
     )  # fmt: skip
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from climbplan.solvers.mixed_integer.certification import (
     compute_proof_deadline,
 )
 from climbplan.solvers.mixed_integer.indicator_form import IndicatorForm, build_indicator_form
-from climbplan.solvers.mixed_integer.leaf_cover import HorizonShift
+from climbplan.solvers.mixed_integer.leaf_cover import HorizonShift, LeafCover
 from climbplan.solvers.mixed_integer.local_search import Incumbent
 from climbplan.solvers.mixed_integer.multiplier_map import SearchedTree
 from climbplan.solvers.mixed_integer.nodes import UNLIMITED
@@ -61,6 +61,7 @@ def solve_spatial(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
+    *,
     known_result: KnownResult | None = None,
     nodes: int = UNLIMITED,
     proposals: Sequence[Proposal] = (),
@@ -118,48 +119,55 @@ class WarmStartedSpatialTree(WarmStartedSolver):
         warm_up_kernels(name, WarmStartedSpatialTree(proves=self.proves).solve, products=True)
         begin = time.perf_counter()
         deadline, gap, tolerance = begin + time_limit, self.gap, self.tolerance
-        factors = find_factors(instance)
-        if factors is None:
+        problem = _build_envelope_program(instance, deadline)
+        if isinstance(problem, ProvedInfeasible):
             self._certify_presolve(instance)
-            return _judge_unsearched(
-                instance, "bounds cross when they are propagated", begin, gap, tolerance
-            )
-        form = build_indicator_form(factors.instance)
-        program = build_mixed_integer_program(factors.instance, form, deadline, factors)
-        if isinstance(program, ProvedInfeasible):
-            self._certify_presolve(instance)
-            return _judge_unsearched(instance, program.why, begin, gap, tolerance)
-        if program is None:
+            return _judge_unsearched(instance, problem.why, begin, gap, tolerance)
+        if problem is None:
             self._certify_presolve(instance, -np.inf)
             reason = "the time limit came while the program was built"
             return _judge_unsearched(
-                instance, reason, begin, gap, tolerance, known_result, infeasible=False
+                instance, reason, begin, gap, tolerance, known_result=known_result, infeasible=False
             )
         incumbent = Incumbent(instance, tolerance)
         for proposal in proposals:
             incumbent.search_locally(proposal.start, proposal.alternatives, proposal.values)
-        leaves = None if self.proves else self.warm_start.select_start(form, move)
-        warm_started = leaves is not None and len(leaves.low) > 1
+        if self.proves:
+            answer = self._solve_with_certificate(
+                instance, problem, incumbent, begin=begin, deadline=deadline, nodes=nodes
+            )
+            duration = time.perf_counter() - begin
+            bound = answer.bound if known_result is None else max(answer.bound, known_result.bound)
+            answer = replace(answer, time=duration, bound=bound)
+        else:
+            leaves = self.warm_start.select_start(problem.form, move)
+            run = self._search_from_leaves(instance, problem, incumbent, leaves, deadline, nodes)
+            answer = _build_answer(run, incumbent, problem.factors, begin, known_result)
+        return judge_answer(instance, answer, gap, tolerance)
+
+    def _search_from_leaves(
+        self,
+        instance: Instance,
+        problem: _EnvelopeProgram,
+        incumbent: Incumbent,
+        leaves: LeafCover | None,
+        deadline: float,
+        nodes: int,
+    ) -> TreeRun:
+        """Search from stored leaves, or from the root where these do not help; store the leaves."""
+        program, form = problem.program, problem.form
         if leaves is not None and leaves.best is not None:
             incumbent.search_locally(
                 leaves.best[: instance.size], form.decode_alternatives(leaves.best)
             )
-        run = TreeRun.create(program, gap, tolerance, leaves, self.work)
-        if self.proves:
-            answer = self._solve_with_certificate(
-                instance, run, form, factors, incumbent, (begin, deadline), nodes
-            )
-            duration = time.perf_counter() - begin
-            bound = answer.bound if known_result is None else max(answer.bound, known_result.bound)
-            return judge_answer(
-                instance, replace(answer, time=duration, bound=bound), gap, tolerance
-            )
+        run = TreeRun.create(program, self.gap, self.tolerance, leaves, self.work)
+        warm_started = leaves is not None and len(leaves.low) > 1
         if leaves is not None and warm_started:
             _alternate_searches(
                 run, form, incumbent, deadline, min(nodes, WarmStart.compute_node_limit(leaves))
             )
             if not run.is_finished and not run.has_used_budget and time.perf_counter() < deadline:
-                run = TreeRun.create(program, gap, tolerance, leaves.root(), self.work)
+                run = TreeRun.create(program, self.gap, self.tolerance, leaves.root(), self.work)
                 warm_started = False
         _alternate_searches(run, form, incumbent, deadline, nodes)
         point = None
@@ -167,26 +175,25 @@ class WarmStartedSpatialTree(WarmStartedSolver):
             lifted = np.concatenate([incumbent.x, instance.products.values(incumbent.x)])
             point = form.encode_point(lifted, incumbent.assignment)
         self.warm_start.store(run, form, leaves, warm_started, point, self.work)
-        return judge_answer(
-            instance, _build_answer(run, incumbent, factors, begin, known_result), gap, tolerance
-        )
+        return run
 
     def _solve_with_certificate(
         self,
         instance: Instance,
-        run: TreeRun,
-        form: IndicatorForm,
-        factors: ProductFactors,
+        problem: _EnvelopeProgram,
         incumbent: Incumbent,
-        times: tuple[float, float],
+        *,
+        begin: float,
+        deadline: float,
         nodes: int,
     ) -> Answer:
         """Solve a tree from its root, and certify its bound.
 
         The compiled tree gets a part of the limits; branch and reduce continues where it does not
-        finish. `times` are begin and deadline.
+        finish.
         """
-        begin, deadline = times
+        factors, form = problem.factors, problem.form
+        run = TreeRun.create(problem.program, self.gap, self.tolerance, None, self.work)
         _alternate_searches(
             run,
             form,
@@ -230,6 +237,33 @@ class WarmStartedSpatialTree(WarmStartedSolver):
         """Store the certificate of an instance that was not searched."""
         if self.proves:
             self.certificate = certify_without_search(instance, required_bound)
+
+
+@dataclass(frozen=True)
+class _EnvelopeProgram:
+    """The program over envelopes of products that the tree searches."""
+
+    factors: ProductFactors
+    form: IndicatorForm
+    program: MixedIntegerProgram
+
+
+def _build_envelope_program(
+    instance: Instance, deadline: float
+) -> _EnvelopeProgram | ProvedInfeasible | None:
+    """Build the program of an instance with products; None where the deadline comes first.
+
+    Raises:
+        UsageError: A factor of a product is not bounded.
+    """
+    factors = find_factors(instance)
+    if factors is None:
+        return ProvedInfeasible("bounds cross when they are propagated")
+    form = build_indicator_form(factors.instance)
+    program = build_mixed_integer_program(factors.instance, form, deadline, factors)
+    if program is None or isinstance(program, ProvedInfeasible):
+        return program
+    return _EnvelopeProgram(factors, form, program)
 
 
 def _build_answer(
@@ -323,6 +357,7 @@ def _judge_unsearched(
     begin: float,
     gap: float,
     tolerance: float,
+    *,
     known_result: KnownResult | None = None,
     infeasible: bool = True,
 ) -> SolverResult:

@@ -45,6 +45,19 @@ class ComponentMinimum:
     nodes: int
 
 
+@dataclass(frozen=True)
+class _ComponentRows:
+    """A component's rows lower <= M z <= upper, whose bounds a node rewrites, and a point."""
+
+    M: Array  # (m, k)
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+    chosen: IntArray  # rows of the component's choices
+    in_choice: IntArray  # the same rows among those of all choices
+    value: Array  # values of the rows of all choices
+    z: Array  # (size,) point in all coordinates, zero in those of other components
+
+
 class ComponentProblem:
     """One component of a normal form with at least one choice."""
 
@@ -113,60 +126,26 @@ class ComponentProblem:
             deadline: Time of `time.perf_counter` [s]; at a limit the best bound so far is returned.
             hint: Likely assignment of the component's choices.
         """
-        form, base = self.form, self.form.choice_rows.start
-        rows = np.flatnonzero(
-            (self.pool.component == self.component) & ~self.pool.is_of_alternative
-        )
-        M = np.ascontiguousarray(self.pool.M[rows, self.columns])
-        row_lower, row_upper = self.pool.lower[rows], self.pool.upper[rows]
-        in_choice = form.list_rows_of(self.choices)
-        chosen = np.searchsorted(rows, in_choice)
-        in_choice = in_choice - base
-        value, z_full = np.zeros(form.choice_rows.stop - base), np.zeros(form.size)
+        rows = self._select_rows()
         best, best_assignment = np.inf, None
         closed_bound = np.inf  # least bound of closed nodes
-        nodes = 0
+        nodes, num_created = 0, 1
         heap: list[tuple[float, int, Masks]] = [(-np.inf, 0, masks)]
         if hint is not None and self._allows(masks, hint):
-            fixed = list(masks)
-            for c, r in zip(self.choices, hint, strict=True):
-                fixed[c] = 1 << int(r)
-            heap.append((-np.inf, -1, tuple(fixed)))
-            heapq.heapify(heap)
-        num_created = 1
+            heapq.heappush(heap, (-np.inf, -1, self._fix_choices(masks, hint)))
         while heap and nodes < limit and time.perf_counter() < deadline:
             bound, kind, node = heapq.heappop(heap)
             if bound >= best - slack:
                 closed_bound = min(closed_bound, bound)
                 continue
             nodes += 1
-            sets = tuple(node[c] for c in self.choices)
-            row_lower[chosen], row_upper[chosen] = form.compute_bounds_of(self.choices, sets)
-            all_rows, lower, upper = self._append_alternative_rows(M, row_lower, row_upper, node)
-            sense = np.where(upper - lower <= SAME, 5, 0).astype(np.int32)
-            z, _, flag, info = daqp.solve(
-                self._identity, price, all_rows, upper, lower, sense, primal_tol=_TOLERANCE
-            )
-            if flag == _INFEASIBLE:
-                infeasible_bound = self._max_value(price)
-                child_bound = compute_farkas_bound(
-                    price, all_rows, lower, upper, np.zeros(self.size), infeasible_bound
-                )
-                if child_bound >= infeasible_bound:
-                    continue
-            elif flag in _OPTIMAL:
-                child_bound = _compute_dual_value(price, all_rows, lower, upper, info["lam"])
-            else:
-                child_bound = -np.inf
-            bound = max(bound, child_bound)
-            if flag not in _OPTIMAL or bound >= best - slack:
+            relaxed_bound, z = self._solve_relaxation(rows, price, node)
+            bound = max(bound, relaxed_bound)
+            if z is None or bound >= best - slack:
                 if kind >= 0:
                     closed_bound = min(closed_bound, bound)
                 continue
-            value[in_choice] = M[chosen] @ z
-            z_full[self.columns] = z
-            allowed = form.decode_masks(node)
-            violation = compute_violations(form, z_full, value, allowed, self.groups)[self.choices]
+            violation = self._measure_violations(rows, z, node)
             nearest = violation.argmin(axis=1)
             min_violation = violation[np.arange(len(nearest)), nearest]
             violated = np.flatnonzero(min_violation > _VIOLATED)
@@ -177,13 +156,71 @@ class ComponentProblem:
             if kind < 0:
                 continue
             worst = violated[np.argsort(-min_violation[violated], kind="stable")]
-            split = select_split(form, value, self._rates, node, self.choices[worst])
+            split = select_split(self.form, rows.value, self._rates, node, self.choices[worst])
             for mask, gain in zip(split.children, split.gains, strict=True):
                 child = (*node[: split.choice], mask, *node[split.choice + 1 :])
                 heapq.heappush(heap, (bound + float(gain), num_created, child))
                 num_created += 1
         open_bound = min((bound for bound, kind, _ in heap if kind >= 0), default=np.inf)
         return ComponentMinimum(min(best, closed_bound, open_bound), best_assignment, price, nodes)
+
+    def _fix_choices(self, masks: Masks, assignment: IntArray) -> Masks:
+        """Return sets of alternatives with the component's choices fixed at an assignment."""
+        fixed = list(masks)
+        for c, r in zip(self.choices, assignment, strict=True):
+            fixed[c] = 1 << int(r)
+        return tuple(fixed)
+
+    def _select_rows(self) -> _ComponentRows:
+        """Select the component's rows from the pool, except those of single alternatives."""
+        form, base = self.form, self.form.choice_rows.start
+        rows = np.flatnonzero(
+            (self.pool.component == self.component) & ~self.pool.is_of_alternative
+        )
+        in_choice = form.list_rows_of(self.choices)
+        return _ComponentRows(
+            M=np.ascontiguousarray(self.pool.M[rows, self.columns]),
+            lower=self.pool.lower[rows],
+            upper=self.pool.upper[rows],
+            chosen=np.searchsorted(rows, in_choice),
+            in_choice=in_choice - base,
+            value=np.zeros(form.choice_rows.stop - base),
+            z=np.zeros(form.size),
+        )
+
+    def _solve_relaxation(
+        self, rows: _ComponentRows, price: Array, node: Masks
+    ) -> tuple[float, Array | None]:
+        """Solve a node over the hulls of its alternatives.
+
+        Returns:
+            Bound of the node, infinite if multipliers prove that it is infeasible, and the
+            minimiser, None without one.
+        """
+        sets = tuple(node[c] for c in self.choices)
+        rows.lower[rows.chosen], rows.upper[rows.chosen] = self.form.compute_bounds_of(
+            self.choices, sets
+        )
+        M, lower, upper = self._append_alternative_rows(rows.M, rows.lower, rows.upper, node)
+        sense = np.where(upper - lower <= SAME, 5, 0).astype(np.int32)
+        z, _, flag, info = daqp.solve(
+            self._identity, price, M, upper, lower, sense, primal_tol=_TOLERANCE
+        )
+        if flag in _OPTIMAL:
+            return _compute_dual_value(price, M, lower, upper, info["lam"]), z
+        if flag != _INFEASIBLE:
+            return -np.inf, None
+        max_value = self._max_value(price)
+        bound = compute_farkas_bound(price, M, lower, upper, np.zeros(self.size), max_value)
+        return np.inf if bound >= max_value else bound, None
+
+    def _measure_violations(self, rows: _ComponentRows, z: Array, node: Masks) -> Array:
+        """Return the violation (choices, R) of alternatives at z; set the rows' values."""
+        rows.value[rows.in_choice] = rows.M[rows.chosen] @ z
+        rows.z[self.columns] = z
+        allowed = self.form.decode_masks(node)
+        violation = compute_violations(self.form, rows.z, rows.value, allowed, self.groups)
+        return violation[self.choices]
 
     def _append_alternative_rows(
         self, M: Array, low: Array, high: Array, masks: Masks

@@ -14,7 +14,8 @@ excluded.
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
@@ -39,6 +40,7 @@ def solve_branch_and_bound(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = FEASIBILITY,
+    *,
     known_result: KnownResult | None = None,
     nodes: float = np.inf,
     proposals: Sequence[Proposal] = (),
@@ -59,13 +61,9 @@ def solve_branch_and_bound(
         proposals: Assignments to try first.
     """
     if instance.features & {"integers", "implications", "products"}:
-        from climbplan.solvers.mixed_integer.method import solve_mixed_integer
-        from climbplan.solvers.mixed_integer.nodes import UNLIMITED
-        from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
-
-        compiled = solve_spatial if instance.products.count else solve_mixed_integer
-        max_nodes = int(nodes) if np.isfinite(nodes) else UNLIMITED
-        return compiled(instance, gap, time_limit, tolerance, known_result, max_nodes, proposals)
+        return _load_compiled_tree(instance, nodes)(
+            instance, gap, time_limit, tolerance, known_result=known_result, proposals=proposals
+        )
     begin = time.perf_counter()
     deadline = begin + time_limit
     try:
@@ -80,7 +78,9 @@ def solve_branch_and_bound(
     if form.size == 0:
         return _answer_single_point(instance, form.cost.center, gap, tolerance, begin)
     choices = [p.alternatives for p in proposals]
-    search = TreeSearch(instance, form, gap, deadline, tolerance, known_result, nodes, choices)
+    search = TreeSearch(
+        instance, form, gap, deadline, tolerance, known_result, max_nodes=nodes, proposals=choices
+    )
     search.run()
     incumbent = search.incumbents.best
     answer = Answer(
@@ -94,6 +94,16 @@ def solve_branch_and_bound(
         log=tuple(search.log),
     )
     return judge_answer(instance, answer, gap, tolerance)
+
+
+def _load_compiled_tree(instance: Instance, nodes: float) -> Callable[..., SolverResult]:
+    """Load the compiled tree for an instance with integers or products, with a limit of nodes."""
+    from climbplan.solvers.mixed_integer.method import solve_mixed_integer
+    from climbplan.solvers.mixed_integer.nodes import UNLIMITED
+    from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
+
+    solve = solve_spatial if instance.products.count else solve_mixed_integer
+    return partial(solve, nodes=int(nodes) if np.isfinite(nodes) else UNLIMITED)
 
 
 def _build_empty_answer(message: str, begin: float, infeasible: bool) -> Answer:

@@ -77,7 +77,13 @@ def scale_cost(
             consistent, start = False, np.zeros(len(index))
         blocks.append(
             _scale_component(
-                P[np.ix_(index, index)], instance.q[index], start, basis, index, top, box
+                P[np.ix_(index, index)],
+                instance.q[index],
+                start,
+                basis,
+                index=index,
+                top=top,
+                box=box,
             )
         )
     sizes = [block.X.shape[1] for block in blocks]
@@ -120,11 +126,22 @@ def _scale_component(
     q: Array,
     start: Array,
     basis: Array,
+    *,
     index: IntArray,
     top: float,
     box: Callable[[], VariableBox],
 ) -> _ScaledComponent:
-    """Scale the coordinates of x = start + basis w of one component."""
+    """Scale the coordinates of x = start + basis w of one component.
+
+    Args:
+        P: (v, v) Hessian of the cost over the component's variables.
+        q: (v,) slope of the cost.
+        start: (v,) solution of the component's equations.
+        basis: (v, k) orthonormal basis of their null space.
+        index: (v,) the component's variables.
+        top: Largest entry of the whole Hessian, to which curvatures are compared.
+        box: Function that returns the box of all variables; called if a direction is flat.
+    """
     H, g = basis.T @ P @ basis, basis.T @ (P @ start + q)
     constant = float(0.5 * start @ P @ start + q @ start)
     curvature, vectors = np.linalg.eigh(H)

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.program.box import propagate_box
+from climbplan.program.box import VariableBox, propagate_box
 from climbplan.program.instance import Instance
 from climbplan.solvers.result import FEASIBILITY
 from climbplan.solvers.tree.choice_hulls import build_choice_hulls, compute_max_cost
@@ -188,9 +188,8 @@ def build_normal_form(
 
     Args:
         instance: Instance without integers and products.
-        relief: (balls, n) matrix of an elastic instance; relief_k x is added to the radius of ball
-            k.
-        late: Called between steps.
+        relief: (balls, n) matrix of an elastic instance; relief x is added to the balls' radii.
+        late: Function, called between steps, that returns whether the deadline has passed.
 
     Raises:
         OutOfTime: `late` returned True.
@@ -200,69 +199,36 @@ def build_normal_form(
         if late():
             raise OutOfTime
 
+    def compute_box() -> VariableBox:
+        return propagate_box(instance, build_choice_hulls(instance, tables, choices))
+
     tables = build_choice_tables(instance.choices)
     check_time()
     choices = StackedChoices.stack(instance.choices, tables, instance.size)
     equations = find_equations(instance, tables, choices)
     components = find_components(instance, equations, choices)
     check_time()
-    cost = scale_cost(
-        instance,
-        components,
-        equations,
-        lambda: propagate_box(instance, build_choice_hulls(instance, tables, choices)),
-    )
+    cost = scale_cost(instance, components, equations, compute_box)
     check_time()
     balls = _build_balls(instance, components, cost, relief)
-
-    bounded = np.flatnonzero(
-        (np.isfinite(instance.lower) | np.isfinite(instance.upper))
-        & (instance.upper - instance.lower > SAME)
-    )
-    open_rows = np.flatnonzero(instance.row_upper - instance.row_lower > SAME)
-    unit = sparse.identity(instance.size, format="csr")
-    stacked = sparse.vstack([unit[bounded], instance.A[open_rows], choices.rows]).tocsr()
     check_time()
-    rows = np.asarray(stacked @ cost.X)
-    base = len(bounded) + len(open_rows)
-    start = base + choices.start
-    m = len(rows)
-    shift = np.asarray(stacked @ cost.center)
-    offset = shift + np.concatenate([np.zeros(base), choices.offset])
-    component = components.locate_rows(stacked)
-    component[base:] = np.repeat(components.choice, np.diff(start))
-    points = ChoicePoints(
-        np.asarray(choices.E @ cost.X),
-        np.asarray(choices.E @ cost.center) + choices.e,
-        np.concatenate([[0], np.cumsum([len(c.e) for c in instance.choices])]).astype(np.int64),
-    )
-    varying = np.linalg.norm(rows, axis=1) > _CONSTANT
-    rows[~varying] = 0.0
-
-    lower, upper = np.full(m, -UNBOUNDED), np.full(m, UNBOUNDED)
-    stated_lower = np.concatenate([instance.lower[bounded], instance.row_lower[open_rows]])
-    stated_upper = np.concatenate([instance.upper[bounded], instance.row_upper[open_rows]])
-    lower[:base] = np.maximum(stated_lower - offset[:base], -UNBOUNDED)
-    upper[:base] = np.minimum(stated_upper - offset[:base], UNBOUNDED)
-    is_constant = np.flatnonzero(~varying[:base])
-    violated = (lower[is_constant] > FEASIBILITY) | (upper[is_constant] < -FEASIBILITY)
-    lower[is_constant], upper[is_constant] = -UNBOUNDED, UNBOUNDED
-
-    allowed = _find_possible(tables, start, offset, varying, points)
-    contradiction = _explain_contradiction(instance, cost, bool(violated.any()), allowed, balls)
+    rows = _express_in_z(_select_inequalities(instance), choices, components, cost)
+    points = _express_points_in_z(instance, choices, cost)
+    allowed = _find_possible(tables, rows, points)
+    contradiction = _explain_contradiction(instance, cost, rows.is_violated, allowed, balls)
     form = NormalForm(
         instance=instance,
         cost=cost,
-        rows=rows,
-        lower=lower,
-        upper=upper,
-        component=component,
-        choice_rows=slice(base, m),
-        offset=offset,
-        varying=varying,
-        groups=_group_choices(tables, start, points, components),
+        rows=rows.rows,
+        lower=rows.lower,
+        upper=rows.upper,
+        component=rows.component,
+        choice_rows=rows.choice_rows,
+        offset=rows.offset,
+        varying=rows.varying,
+        groups=_group_choices(tables, rows.start, points, components),
         tables=tuple(tables),
-        start=start,
+        start=rows.start,
         points=points,
         stacked=choices,
         choice_component=components.choice,
@@ -271,8 +237,91 @@ def build_normal_form(
         contradiction=contradiction,
     )
     if not contradiction:
-        lower[base:], upper[base:] = form.compute_choice_bounds(form.root_masks)
+        lower, upper = form.compute_choice_bounds(form.root_masks)
+        form.lower[form.choice_rows], form.upper[form.choice_rows] = lower, upper
     return form
+
+
+@dataclass(frozen=True)
+class _Inequalities:
+    """Rows lower <= rows x <= upper that are not equations."""
+
+    rows: sparse.csr_matrix  # (m, n)
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+
+
+def _select_inequalities(instance: Instance) -> _Inequalities:
+    """Select the bounds of variables and the rows of an instance that are not equations."""
+    bounded = np.flatnonzero(
+        (np.isfinite(instance.lower) | np.isfinite(instance.upper))
+        & (instance.upper - instance.lower > SAME)
+    )
+    open_rows = np.flatnonzero(instance.row_upper - instance.row_lower > SAME)
+    unit = sparse.identity(instance.size, format="csr")
+    return _Inequalities(
+        sparse.vstack([unit[bounded], instance.A[open_rows]]).tocsr(),
+        np.concatenate([instance.lower[bounded], instance.row_lower[open_rows]]),
+        np.concatenate([instance.upper[bounded], instance.row_upper[open_rows]]),
+    )
+
+
+@dataclass(frozen=True)
+class _RowsInZ:
+    """Inequalities, then the directions of choices, over z; the latter have no bounds yet."""
+
+    rows: Array  # (m, k)
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+    component: IntArray  # (m,) component, -1 where a row couples components
+    choice_rows: slice
+    start: IntArray  # (C + 1,) first row of each choice
+    offset: Array  # (m,) the value of a row is rows z + offset
+    varying: BoolArray  # (m,) False for rows that do not depend on z
+    is_violated: bool  # whether an inequality that does not depend on z is violated
+
+
+def _express_in_z(
+    stated: _Inequalities, choices: StackedChoices, components: Components, cost: ScaledCost
+) -> _RowsInZ:
+    """Express inequalities and directions of choices in z."""
+    stacked = sparse.vstack([stated.rows, choices.rows]).tocsr()
+    rows = np.asarray(stacked @ cost.X)
+    base, m = len(stated.lower), len(rows)
+    shift = np.asarray(stacked @ cost.center)
+    offset = shift + np.concatenate([np.zeros(base), choices.offset])
+    varying = np.linalg.norm(rows, axis=1) > _CONSTANT
+    rows[~varying] = 0.0
+    lower, upper = np.full(m, -UNBOUNDED), np.full(m, UNBOUNDED)
+    lower[:base] = np.maximum(stated.lower - offset[:base], -UNBOUNDED)
+    upper[:base] = np.minimum(stated.upper - offset[:base], UNBOUNDED)
+    is_constant = np.flatnonzero(~varying[:base])
+    violated = (lower[is_constant] > FEASIBILITY) | (upper[is_constant] < -FEASIBILITY)
+    lower[is_constant], upper[is_constant] = -UNBOUNDED, UNBOUNDED
+    component = components.locate_rows(stacked)
+    component[base:] = np.repeat(components.choice, np.diff(choices.start))
+    return _RowsInZ(
+        rows=rows,
+        lower=lower,
+        upper=upper,
+        component=component,
+        choice_rows=slice(base, m),
+        start=base + choices.start,
+        offset=offset,
+        varying=varying,
+        is_violated=bool(violated.any()),
+    )
+
+
+def _express_points_in_z(
+    instance: Instance, choices: StackedChoices, cost: ScaledCost
+) -> ChoicePoints:
+    """Express the points of all choices in z."""
+    return ChoicePoints(
+        np.asarray(choices.E @ cost.X),
+        np.asarray(choices.E @ cost.center) + choices.e,
+        np.concatenate([[0], np.cumsum([len(c.e) for c in instance.choices])]).astype(np.int64),
+    )
 
 
 def _explain_contradiction(
@@ -293,20 +342,15 @@ def _explain_contradiction(
     return "a ball without free variables is violated" if _is_infeasible(balls) else ""
 
 
-def _find_possible(
-    tables: list[ChoiceTable],
-    start: IntArray,
-    offset: Array,
-    varying: BoolArray,
-    points: ChoicePoints,
-) -> BoolArray:
+def _find_possible(tables: list[ChoiceTable], rows: _RowsInZ, points: ChoicePoints) -> BoolArray:
     """Return (C, R) mask of alternatives that satisfy all rows that do not depend on z."""
     max_alternatives = max((t.count for t in tables), default=1)
     allowed = np.zeros((len(tables), max_alternatives), bool)
     for c, table in enumerate(tables):
-        rows = slice(start[c], start[c + 1])
-        violation = np.maximum(offset[rows] - table.exact_upper, table.exact_lower - offset[rows])
-        is_violated = (violation > FEASIBILITY) & ~varying[rows]
+        span = slice(rows.start[c], rows.start[c + 1])
+        value = rows.offset[span]
+        violation = np.maximum(value - table.exact_upper, table.exact_lower - value)
+        is_violated = (violation > FEASIBILITY) & ~rows.varying[span]
         allowed[c, : table.count] = ~is_violated.any(axis=1) & ~table.is_empty
         point = slice(points.start[c], points.start[c + 1])
         if not table.is_complete and np.abs(points.E[point]).max(initial=0.0) <= _CONSTANT:

@@ -86,7 +86,6 @@ class RelaxationSolver:
         self.solves = 0
         self._last = _NodeBounds(None, np.zeros(0), np.zeros(0), [])
         self._identity = np.eye(form.size)
-        self._no_point = np.zeros(form.size)
         self._model = daqp.Model()
         self._model.settings = {"eq_reduction": -1, "iter_limit": _ITERATIONS}
 
@@ -130,17 +129,12 @@ class RelaxationSolver:
             cutoff: Bound at which no further search is needed.
             prove: Whether to prove infeasibility that DAQP reports.
         """
-        pool, M = self.pool, self.pool.M
         if (lower > upper + SAME).any():
             return ClosedRelaxation(np.inf, True)
-        point = replace(
-            start,
-            bound=self.compute_dual_value(start.active, start.multiplier, lower, upper),
-            solved=False,
-        )
-        sense = np.zeros(pool.count, np.int32)
+        bound = self.compute_dual_value(start.active, start.multiplier, lower, upper)
+        point = replace(start, bound=bound, solved=False)
+        sense = self._mark_active(start)
         right_side = np.where(start.multiplier > 0, upper[start.active], lower[start.active])
-        sense[start.active] = np.where(start.multiplier > 0, _AT_UPPER, _AT_LOWER)
         sense[start.active[np.abs(right_side) >= UNBOUNDED]] = 0
         rows = self._select_near_rows(lower, upper, start)
         flat, num_proximal_steps = self.form.cost.flat, 0
@@ -148,10 +142,7 @@ class RelaxationSolver:
         linear[flat] -= start.z[flat]
         is_cold, tolerance_level = False, 0
         while True:
-            low, high = lower[rows], upper[rows]
-            z, flag, multiplier = self._solve_qp(
-                M[rows], low, high, sense[rows], linear, tolerance_level
-            )
+            minimum, flag = self._solve_qp(rows, lower, upper, sense, linear, tolerance_level)
             if flag == _INFEASIBLE:
                 closed = ClosedRelaxation(point.bound, certified=False)
                 if prove and not self.late():
@@ -160,35 +151,38 @@ class RelaxationSolver:
                     return closed
                 is_cold, sense = True, np.zeros_like(sense)
                 continue
-            if flag not in _OPTIMAL:
+            if minimum is None:
                 tolerance_level += 1
                 if tolerance_level == len(_TOLERANCES) or self.late():
                     return point
                 continue
-            active_of_rows = np.flatnonzero(multiplier)
-            active = rows[active_of_rows]
-            bound = self.compute_dual_value(active, multiplier[active_of_rows], lower, upper)
-            point = RelaxationPoint(z, bound, active, multiplier[active_of_rows], solved=False)
-            if bound >= cutoff:  # of some rows only, so it holds for all
-                return ClosedRelaxation(bound, True)
-            value = M @ z
-            violation = np.maximum(value - upper, lower - value)
+            point = minimum
+            if point.bound >= cutoff:  # of some rows only, so it holds for all
+                return ClosedRelaxation(point.bound, True)
+            violation = self._measure_violation(point.z, lower, upper)
             violation[rows] = 0.0
             violated = np.flatnonzero(violation > _TOLERANCES[tolerance_level])
-            proximal_step = z[flat] + linear[flat] - self.form.cost.slope[flat]
-            has_converged = (
-                np.abs(proximal_step).max(initial=0.0) <= _PROXIMAL_TOLERANCE
-                or num_proximal_steps == _MAX_PROXIMAL_STEPS
-            )
-            if not len(violated) and has_converged:
+            proximal_step = point.z[flat] + linear[flat] - self.form.cost.slope[flat]
+            is_short = np.abs(proximal_step).max(initial=0.0) <= _PROXIMAL_TOLERANCE
+            if not len(violated) and (is_short or num_proximal_steps == _MAX_PROXIMAL_STEPS):
                 return replace(point, solved=True)
             if self.late():
                 return point
             linear[flat] -= proximal_step
             num_proximal_steps += not len(violated)
-            sense[:] = 0
-            sense[active] = np.where(point.multiplier > 0, _AT_UPPER, _AT_LOWER)
+            sense = self._mark_active(point)
             rows = np.union1d(rows, violated)
+
+    def _mark_active(self, point: RelaxationPoint) -> NDArray[np.int32]:
+        """Return DAQP's senses (m,) of all rows, with those active at a point marked."""
+        sense = np.zeros(self.pool.count, np.int32)
+        sense[point.active] = np.where(point.multiplier > 0, _AT_UPPER, _AT_LOWER)
+        return sense
+
+    def _measure_violation(self, z: Array, lower: Array, upper: Array) -> Array:
+        """Return the violation (m,) of all rows at z, negative where they hold."""
+        value = self.pool.M @ z
+        return np.maximum(value - upper, lower - value)
 
     def _select_near_rows(self, lower: Array, upper: Array, start: RelaxationPoint) -> IntArray:
         """Select the active rows of a point, those it violates, and some that are close."""
@@ -240,24 +234,33 @@ class RelaxationSolver:
 
     def _solve_qp(
         self,
-        M: Array,
+        rows: IntArray,
         lower: Array,
         upper: Array,
         sense: NDArray[np.int32],
         linear: Array,
         level: int,
-    ) -> tuple[Array, int, Array]:
-        """Solve min 1/2 |z|^2 + linear z with DAQP; return point, flag and multipliers."""
+    ) -> tuple[RelaxationPoint | None, int]:
+        """Solve min 1/2 |z|^2 + linear z over some rows with DAQP; return minimum and flag.
+
+        There is no minimum where DAQP fails. Other rows may be violated.
+        """
         self._model.settings = {"primal_tol": _TOLERANCES[level]}
-        flag, _ = self._model.setup(self._identity, linear, M, upper, lower, sense)
+        M, low, high, sense = self.pool.M[rows], lower[rows], upper[rows], sense[rows]
+        flag, _ = self._model.setup(self._identity, linear, M, high, low, sense)
         if flag < 0:  # dependent rows among those marked active
             sense = sense & ~_AT_LOWER
-            flag, _ = self._model.setup(self._identity, linear, M, upper, lower, sense)
+            flag, _ = self._model.setup(self._identity, linear, M, high, low, sense)
         if flag < 0:
-            return self._no_point, int(flag), np.zeros(len(M))
+            return None, int(flag)
         z, _, flag, info = self._model.solve()
         self.solves += 1
-        return z, int(flag), info["lam"]
+        if flag not in _OPTIMAL:
+            return None, int(flag)
+        is_active = np.flatnonzero(info["lam"])
+        active, multiplier = rows[is_active], info["lam"][is_active]
+        bound = self.compute_dual_value(active, multiplier, lower, upper)
+        return RelaxationPoint(z, bound, active, multiplier, solved=False), int(flag)
 
     def _prove_infeasible(
         self, rows: IntArray, lower: Array, upper: Array, cutoff: float

@@ -53,6 +53,7 @@ class TreeSearch:
         deadline: float,
         tolerance: float,
         known_result: KnownResult | None = None,
+        *,
         max_nodes: float = np.inf,
         proposals: Sequence[IntArray] = (),
     ) -> None:

@@ -150,15 +150,11 @@ class _SqpRun:
 
     def iterate(self) -> Ending:
         """Iterate until convergence or a limit."""
-        model, options = self.model, self.options
+        options = self.options
         if not self._project_to_linear_rows():
             return "contradiction"
-        reach = np.abs(model.nonlinear_rows.compute_jacobian(self.y)) * self.scale
-        model = self.model = replace(
-            model, nonlinear_rows=model.nonlinear_rows.scale(reach.max(axis=1, initial=1e-6))
-        )
-        self.low, self.high = model.nonlinear_rows.bounds
-        curves = model.nonlinear_rows
+        self._scale_nonlinear_rows()
+        model, curves = self.model, self.model.nonlinear_rows
         row_values = curves.evaluate(self.y)
         self.violation = _compute_max_violation(self.low, self.high, row_values)
         radius, num_restorations = options.radius, 0
@@ -178,29 +174,19 @@ class _SqpRun:
                 return "failed"
             length = self._measure_step(step.d)
             if restoring:
-                remaining = _compute_max_violation(
-                    self.low, self.high, row_values + slopes @ step.d
-                )
+                linearised = row_values + slopes @ step.d
+                remaining = _compute_max_violation(self.low, self.high, linearised)
                 if remaining > _STALL_FRACTION * self.violation and length < 0.9 * radius:
                     return "contradiction"
             else:
                 self.penalty = max(self.penalty, 2.0 * float(np.abs(step.multipliers).sum()))
             trial = self._evaluate_trial(step.d)
-            limit = (
-                self.cutoff
-                + (options.hasty - 1) * abs(self.cutoff)
-                + _EARLY_CUTOFF_MARGIN * initial_cost
-            )
+            limit = self.cutoff + (options.hasty - 1) * abs(self.cutoff)
+            limit += _EARLY_CUTOFF_MARGIN * initial_cost
             if not restoring and length < 0.99 * radius and trial.cost > limit:
                 return "cutoff"
             if not self._is_accepted(trial, restoring) and not restoring:
-                # Second-order correction: the same Jacobian with the exact values at the trial
-                corrected_values = curves.evaluate(self.y + step.d) - slopes @ step.d
-                corrected = self._solve_step(slopes, radius, corrected_values)
-                if corrected.d is not None and self._is_accepted(
-                    self._evaluate_trial(corrected.d), False
-                ):
-                    step, trial = corrected, self._evaluate_trial(corrected.d)
+                step, trial = self._correct_step(step.d, slopes, radius) or (step, trial)
             is_converged = length <= options.still
             if not self._is_accepted(trial, restoring) and not is_converged:
                 radius = min(radius, length) / 4
@@ -223,6 +209,28 @@ class _SqpRun:
             if is_converged or progress <= min_decrease:
                 return "converged"
         return "steps" if self.violation <= options.tolerance else "stalled"
+
+    def _scale_nonlinear_rows(self) -> None:
+        """Scale the nonlinear rows by their largest change over the scale of a variable."""
+        curves = self.model.nonlinear_rows
+        reach = np.abs(curves.compute_jacobian(self.y)) * self.scale
+        curves = curves.scale(reach.max(axis=1, initial=1e-6))
+        self.model = replace(self.model, nonlinear_rows=curves)
+        self.low, self.high = curves.bounds
+
+    def _correct_step(
+        self, d: Array, slopes: Array, radius: float
+    ) -> tuple[Step, _TrialPoint] | None:
+        """Return the second-order correction of a step d, None if its trial is not accepted.
+
+        It has the same Jacobian, and the exact values at the step's trial point.
+        """
+        corrected_values = self.model.nonlinear_rows.evaluate(self.y + d) - slopes @ d
+        step = self._solve_step(slopes, radius, corrected_values)
+        if step.d is None:
+            return None
+        trial = self._evaluate_trial(step.d)
+        return (step, trial) if self._is_accepted(trial, False) else None
 
     def _evaluate_trial(self, d: Array) -> _TrialPoint:
         """Evaluate a trial point."""
@@ -261,8 +269,10 @@ class _SqpRun:
             return True
         r = len(self.y)
         step = self._solve_scaled(
-            np.eye(r), np.zeros(r), model.low - self.y, model.high - self.y,
-            model.L, model.lower - rows, model.upper - rows,
+            QuadraticProgram(
+                np.eye(r), np.zeros(r), model.low - self.y, model.high - self.y,
+                model.L, model.lower - rows, model.upper - rows,
+            )
         )  # fmt: skip
         if step.d is None:
             return False
@@ -283,10 +293,12 @@ class _SqpRun:
         low, high = self._compute_trust_region(radius)
         rows = model.L @ self.y
         step = self._solve_scaled(
-            H, f, low, high,
-            np.vstack([model.L, slopes]),
-            np.concatenate([model.lower - rows, self.low - about]),
-            np.concatenate([model.upper - rows, self.high - about]),
+            QuadraticProgram(
+                H, f, low, high,
+                np.vstack([model.L, slopes]),
+                np.concatenate([model.lower - rows, self.low - about]),
+                np.concatenate([model.upper - rows, self.high - about]),
+            )
         )  # fmt: skip
         return Step(step.d, step.multipliers[len(rows) :] * self.weight, step.infeasible)
 
@@ -329,16 +341,11 @@ class _SqpRun:
         reach = np.where(model.is_nonlinear, radius * self.scale, np.inf)
         return np.maximum(model.low - self.y, -reach), np.minimum(model.high - self.y, reach)
 
-    def _solve_scaled(
-        self, H: Array, f: Array, low: Array, high: Array, G: Array, lower: Array, upper: Array
-    ) -> Step:
-        """Solve a quadratic program in scaled variables."""
+    def _solve_scaled(self, program: QuadraticProgram) -> Step:
+        """Solve a quadratic program whose cost, unlike its rows, is over scaled variables."""
         self.programs += 1
-        step = self.steps.solve(
-            QuadraticProgram(
-                H, f, low / self.scale, high / self.scale, G * self.scale, lower, upper
-            )
-        )
+        low, high, G = program.low / self.scale, program.high / self.scale, program.G * self.scale
+        step = self.steps.solve(replace(program, low=low, high=high, G=G))
         return step if step.d is None else Step(step.d * self.scale, step.multipliers, False)
 
 

@@ -7,6 +7,7 @@ are balls. All are dense, since one step of SQP is a small dense quadratic progr
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -155,77 +156,39 @@ class SqpForm:
         """Return the model at the integers of values (n,); None if linear rows alone contradict."""
         form, source = self.fixed_form, self.fixed_form.source
         is_active = form.find_active(values, alternatives)
-        A, Q = self.A[is_active], self.Q[is_active]
-        lower, upper = form.lower[is_active], form.upper[is_active]
-        first, second = source.products.first, source.products.second
+        rows = _BilinearRows(
+            self.A[is_active],
+            self.Q[is_active],
+            source.products.first,
+            source.products.second,
+            form.lower[is_active],
+            form.upper[is_active],
+        )
         low, high = source.lower.copy(), source.upper.copy()
         integers = np.round(values[source.integer])
         low[source.integer] = np.maximum(low[source.integer], integers)
         high[source.integer] = np.minimum(high[source.integer], integers)
-        if not propagate_fixed(A, Q, first, second, lower, upper, low, high):
+        if not propagate_fixed(*rows, low, high):
             return None
-        return self._eliminate(A, Q, lower, upper, low, high)
+        return self._eliminate(rows, low, high)
 
-    def _eliminate(
-        self, A: Array, Q: Array, lower: Array, upper: Array, low: Array, high: Array
-    ) -> ReducedModel | None:
+    def _eliminate(self, rows: _BilinearRows, low: Array, high: Array) -> ReducedModel | None:
         """Eliminate fixed variables and linear equations; None if linear rows contradict."""
         source = self.fixed_form.source
-        first, second = source.products.first, source.products.second
-        fixed = low == high
-        n = source.size
-        # Products with a fixed factor are linear in the other one, or constant.
-        is_bilinear = ~fixed[first] & ~fixed[second]
-        if not is_bilinear.all():
-            k = np.flatnonzero(~is_bilinear)
-            fixed_factor = np.where(fixed[first[k]], first[k], second[k])
-            free_factor = np.where(fixed[first[k]], second[k], first[k])
-            fold = np.zeros((len(k), n))
-            fold[np.arange(len(k)), free_factor] = low[fixed_factor]
-            A = A + multiply_sparse(Q[:, k], fold)
-            Q = Q[:, is_bilinear]
-            first, second = first[is_bilinear], second[is_bilinear]
-        shift = np.where(fixed, low, 0.0)
-        offset = multiply_sparse(A, shift[:, None])[:, 0]
-        A = np.where(fixed, 0.0, A)
-        lower, upper = lower - offset, upper - offset
-        nonlinear = (Q != 0).any(axis=1)
-        has_several = (np.abs(A) > _NOTHING).sum(axis=1) > 1  # the others are bounds by now
-        equal = (lower == upper) & ~nonlinear & has_several
-        E, e = A[equal], lower[equal].copy()
-        bounded = np.isfinite(low) | np.isfinite(high)
-        preference = np.where(fixed, 0.0, np.where(bounded, _BOUNDED_PREFERENCE, 1.0))
-        pivot = np.full(len(e), -1, np.int64)
-        if not eliminate_equations(E, e, preference, pivot):
+        rows = _substitute_fixed(rows, low, high)
+        nonlinear = (rows.Q != 0).any(axis=1)
+        has_several = (np.abs(rows.A) > _NOTHING).sum(axis=1) > 1  # the others are bounds by now
+        equal = (rows.lower == rows.upper) & ~nonlinear & has_several
+        coordinates = _solve_equations(rows.A[equal], rows.lower[equal], low, high)
+        if coordinates is None:
             return None
-        rows = np.flatnonzero(pivot >= 0)
-        dependent = pivot[rows]
-        free = ~fixed
-        free[dependent] = False
-        chosen = np.flatnonzero(free)
-        basis = np.zeros((n, len(chosen)))
-        basis[chosen, np.arange(len(chosen))] = 1.0
-        basis[dependent] = -E[np.ix_(rows, chosen)]
-        shift[dependent] = e[rows]
-
-        is_linear = ~equal & ~nonlinear & has_several
-        bounded_dependent = dependent[
-            bounded[dependent]
-        ]  # bounds of variables that are now expressions
-        L = np.vstack([multiply_sparse(A[is_linear], basis), basis[bounded_dependent]])
-        row_shift = np.concatenate(
-            [multiply_sparse(A[is_linear], shift[:, None])[:, 0], shift[bounded_dependent]]
+        linear = _build_linear_rows(
+            rows.select(~equal & ~nonlinear & has_several), coordinates, low, high
         )
-        linear_lower = np.concatenate([lower[is_linear], low[bounded_dependent]]) - row_shift
-        linear_upper = np.concatenate([upper[is_linear], high[bounded_dependent]]) - row_shift
-        empty = np.abs(L).max(axis=1, initial=0.0) <= _NOTHING
-        slack = 1e-8 * (1.0 + np.abs(row_shift))
-        if (empty & ((linear_lower > slack) | (linear_upper < -slack))).any():
+        if linear is None:
             return None
-        L, linear_lower, linear_upper = L[~empty], linear_lower[~empty], linear_upper[~empty]
-        curves = self._build_nonlinear_rows(
-            A, Q, lower, upper, first, second, basis, shift, nonlinear
-        )
+        basis, shift, chosen = coordinates.basis, coordinates.shift, coordinates.independent
+        curves = self._build_nonlinear_rows(rows.select(nonlinear), basis, shift)
         nonlinear_weight = np.abs(curves.first).sum(axis=0) + np.abs(curves.second).sum(axis=0)
         nonlinear_weight = nonlinear_weight + np.abs(curves.ball).sum(axis=(0, 1))
         gradient = multiply_sparse(self.P, shift[:, None])[:, 0]
@@ -238,45 +201,125 @@ class SqpForm:
             constant=float(0.5 * shift @ gradient + source.q @ shift + source.constant),
             low=low[chosen],
             high=high[chosen],
-            L=L,
-            lower=linear_lower,
-            upper=linear_upper,
+            L=linear[0],
+            lower=linear[1],
+            upper=linear[2],
             nonlinear_rows=curves,
             is_nonlinear=nonlinear_weight > 0,
         )
 
     def _build_nonlinear_rows(
-        self,
-        A: Array,
-        Q: Array,
-        lower: Array,
-        upper: Array,
-        first: IntArray,
-        second: IntArray,
-        basis: Array,
-        shift: Array,
-        nonlinear: BoolArray,
+        self, rows: _BilinearRows, basis: Array, shift: Array
     ) -> NonlinearRows:
         """Build rows with products and balls over y."""
-        Qn = Q[nonlinear]
-        is_used = (Qn != 0).any(axis=0)
-        i, j = first[is_used], second[is_used]
+        is_used = (rows.Q != 0).any(axis=0)
+        i, j = rows.first[is_used], rows.second[is_used]
         slopes = [F @ basis for F, _, _ in self.balls]
         bases = [F @ shift + f for F, f, _ in self.balls]
         widest = max((f.shape[1] for f in bases), default=0)
         slopes = [np.pad(s, ((0, 0), (0, widest - s.shape[1]), (0, 0))) for s in slopes]
         bases = [np.pad(b, ((0, 0), (0, widest - b.shape[1]))) for b in bases]
         return NonlinearRows(
-            N=multiply_sparse(A[nonlinear], basis),
-            base=multiply_sparse(A[nonlinear], shift[:, None])[:, 0],
-            Q=Qn[:, is_used],
+            N=multiply_sparse(rows.A, basis),
+            base=multiply_sparse(rows.A, shift[:, None])[:, 0],
+            Q=rows.Q[:, is_used],
             first=basis[i],
             second=basis[j],
             first_base=shift[i],
             second_base=shift[j],
-            lower=lower[nonlinear],
-            upper=upper[nonlinear],
+            lower=rows.lower,
+            upper=rows.upper,
             ball=np.concatenate([np.zeros((0, widest, basis.shape[1])), *slopes]),
             ball_base=np.concatenate([np.zeros((0, widest)), *bases]),
             radius=np.concatenate([np.zeros(0), *(r for _, _, r in self.balls)]),
         )
+
+
+class _BilinearRows(NamedTuple):
+    """Rows lower <= A x + Q w <= upper with products w = x[first] x[second]."""
+
+    A: Array  # (m, n)
+    Q: Array  # (m, K)
+    first: IntArray  # (K,)
+    second: IntArray  # (K,)
+    lower: Array  # (m,)
+    upper: Array  # (m,)
+
+    def select(self, mask: BoolArray) -> _BilinearRows:
+        """Return the rows of a mask (m,)."""
+        return self._replace(
+            A=self.A[mask], Q=self.Q[mask], lower=self.lower[mask], upper=self.upper[mask]
+        )
+
+
+class _Coordinates(NamedTuple):
+    """Map x = shift + basis y that satisfies linear equations and fixed variables."""
+
+    basis: Array  # (n, r)
+    shift: Array  # (n,)
+    independent: IntArray  # (r,) indices of y in x
+    dependent: IntArray  # variables for which an equation was solved
+
+
+def _substitute_fixed(rows: _BilinearRows, low: Array, high: Array) -> _BilinearRows:
+    """Substitute fixed variables; products with one are linear in the other, or constant."""
+    A, Q, first, second, lower, upper = rows
+    fixed = low == high
+    is_bilinear = ~fixed[first] & ~fixed[second]
+    if not is_bilinear.all():
+        k = np.flatnonzero(~is_bilinear)
+        fixed_factor = np.where(fixed[first[k]], first[k], second[k])
+        free_factor = np.where(fixed[first[k]], second[k], first[k])
+        fold = np.zeros((len(k), len(low)))
+        fold[np.arange(len(k)), free_factor] = low[fixed_factor]
+        A = A + multiply_sparse(Q[:, k], fold)
+        Q = Q[:, is_bilinear]
+        first, second = first[is_bilinear], second[is_bilinear]
+    offset = multiply_sparse(A, np.where(fixed, low, 0.0)[:, None])[:, 0]
+    A = np.where(fixed, 0.0, A)
+    return _BilinearRows(A, Q, first, second, lower - offset, upper - offset)
+
+
+def _solve_equations(E: Array, e: Array, low: Array, high: Array) -> _Coordinates | None:
+    """Solve E x = e, both overwritten, for dependent variables; None if equations contradict.
+
+    Variables without bounds are preferred, since the bounds of others become rows.
+    """
+    fixed = low == high
+    bounded = np.isfinite(low) | np.isfinite(high)
+    preference = np.where(fixed, 0.0, np.where(bounded, _BOUNDED_PREFERENCE, 1.0))
+    pivot = np.full(len(e), -1, np.int64)
+    if not eliminate_equations(E, e, preference, pivot):
+        return None
+    rows = np.flatnonzero(pivot >= 0)
+    dependent = pivot[rows]
+    free = ~fixed
+    free[dependent] = False
+    independent = np.flatnonzero(free)
+    basis = np.zeros((len(low), len(independent)))
+    basis[independent, np.arange(len(independent))] = 1.0
+    basis[dependent] = -E[np.ix_(rows, independent)]
+    shift = np.where(fixed, low, 0.0)
+    shift[dependent] = e[rows]
+    return _Coordinates(basis, shift, independent, dependent)
+
+
+def _build_linear_rows(
+    rows: _BilinearRows, coordinates: _Coordinates, low: Array, high: Array
+) -> tuple[Array, Array, Array] | None:
+    """Return linear rows and bounds of dependent variables as lower <= L y <= upper.
+
+    Returns:
+        L, lower and upper; None if a row without variables is violated.
+    """
+    basis, shift, dependent = coordinates.basis, coordinates.shift, coordinates.dependent
+    bounded = dependent[np.isfinite(low[dependent]) | np.isfinite(high[dependent])]
+    L = np.vstack([multiply_sparse(rows.A, basis), basis[bounded]])
+    row_shift = np.concatenate([multiply_sparse(rows.A, shift[:, None])[:, 0], shift[bounded]])
+    lower = np.concatenate([rows.lower, low[bounded]]) - row_shift
+    upper = np.concatenate([rows.upper, high[bounded]]) - row_shift
+    empty = np.abs(L).max(axis=1, initial=0.0) <= _NOTHING
+    slack = 1e-8 * (1.0 + np.abs(row_shift))
+    if (empty & ((lower > slack) | (upper < -slack))).any():
+        return None
+    return L[~empty], lower[~empty], upper[~empty]

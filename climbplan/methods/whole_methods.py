@@ -213,9 +213,9 @@ def solve_by_admm(task: Task) -> Outcome:
         task.compute_guess(),
         relax,
         settings.admm,
-        settings.gap,
-        task.time_left,
-        settings.tolerance,
+        gap=settings.gap,
+        time_limit=task.time_left,
+        tolerance=settings.tolerance,
     )
     best = "" if answer.best is None else f"iteration {answer.best + 1}"
     return Outcome(answer.result, best, len(answer.steps))

@@ -89,6 +89,7 @@ def solve_admm(
     start: Array | None = None,
     relax: Relaxation | None = None,
     options: AdmmOptions | None = None,
+    *,
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = TOLERANCE,
@@ -101,8 +102,7 @@ def solve_admm(
     Args:
         instance: The instance.
         mixed_integer: Solver of the mixed-integer block.
-        start: (n,) first point of the nonlinear block; without one the first mixed-integer block
-            has no consensus term.
+        start: (n,) first point of the nonlinear block; None begins without a consensus term.
         relax: Envelopes of products in the mixed-integer block.
         options: Options of the iteration.
         gap: Not used to stop.
@@ -115,61 +115,95 @@ def solve_admm(
     deadline = begin + time_limit
     split = (AdmmSplit() if relax is None else AdmmSplit(relax)).apply(instance)
     weight = None if start is None else _compute_weights(split, options, start)
-    nonlinear_point, dual = start, np.zeros(instance.size)
+    consensus = _ConsensusState(split, options, np.zeros(instance.size), start, weight)
     steps: list[AdmmStep] = []
     best: _AdmmIterate | None = None
-    integers: Array | None = None
     for number in range(options.iterations):
         if time.monotonic() > deadline:
             break
+        iteration = consensus.advance(mixed_integer, number, deadline)
+        if iteration is None:
+            break
+        iterate, step = iteration
+        steps.append(step)
+        if best is None or iterate.rank(tolerance) < best.rank(tolerance):
+            best = iterate
+        is_feasible = iterate.violation <= tolerance
+        if step.max_residual <= options.residual or (options.stop_when_feasible and is_feasible):
+            break
+    x, log = _polish_best(instance, best, steps, tolerance, deadline if polish else None)
+    answer = Answer(
+        x=x,
+        bound=-np.inf,
+        infeasible=False,
+        nodes=len(steps),
+        time=time.monotonic() - begin,
+        solver=NAME,
+        log=tuple(log),
+        assignment=None if best is None else best.assignment,
+    )
+    result = judge_answer(instance, answer, gap, tolerance)
+    return AdmmResult(result, tuple(steps), None if best is None else best.number)
+
+
+@dataclass
+class _ConsensusState:
+    """Weights, scaled duals and the last points of both blocks."""
+
+    split: SplitInstance
+    options: AdmmOptions
+    dual: Array  # (n,)
+    nonlinear_point: Array | None  # (n,)
+    weight: Array | None  # (n,) None until the cost's scale is known
+    integers: Array | None = None  # (n,) of the mixed-integer block, 0 for other variables
+
+    def advance(
+        self, mixed_integer: MixedIntegerSolver, number: int, deadline: float
+    ) -> tuple[_AdmmIterate, AdmmStep] | None:
+        """Minimise over one block after the other, then update duals and weights.
+
+        Returns:
+            The nonlinear block's point and the record of iteration `number`; None if the
+            mixed-integer block has no solution.
+        """
+        split, options, instance = self.split, self.options, self.split.instance
         time_begin = time.monotonic()
         frozen = options.freeze_after is not None and number >= options.freeze_after
         block = split.build_mixed_integer_block(
-            _build_consensus(split, weight, nonlinear_point, dual, options.share),
+            _build_consensus(split, self.weight, self.nonlinear_point, self.dual, options.share),
             options.norm,
-            integers if frozen else None,
+            self.integers if frozen else None,
         )
         lifted = mixed_integer(block)
         if lifted is None:
-            break
+            return None
         var1 = split.invert(lifted)
         chosen = instance.assignment(var1)
-        weight = _compute_weights(split, options, var1) if weight is None else weight
+        weight = _compute_weights(split, options, var1) if self.weight is None else self.weight
         rounded = np.where(instance.integer, np.round(var1), 0.0)
-        has_new_integers = integers is None or not np.array_equal(rounded, integers)
-        integers = rounded
         time_mixed_integer = time.monotonic()
-        var2 = _solve_nonlinear(split, var1, chosen, Consensus(weight, var1 + dual, 0.0), deadline)
-        time_nonlinear = time.monotonic()
-
-        residual = np.abs(var1 - var2) / split.span
-        change = np.abs(var2 - (var1 if nonlinear_point is None else nonlinear_point)) / split.span
-        violation = instance.violation(var2, chosen)
-        objective = instance.objective(var2)
-        steps.append(
-            AdmmStep(
-                mean_residual=float(residual.mean()),
-                max_residual=float(residual.max()),
-                dual_residual=float(change.max()),
-                violation=violation,
-                objective=objective,
-                mixed_integer_seconds=time_mixed_integer - time_begin,
-                nonlinear_seconds=time_nonlinear - time_mixed_integer,
-                new_integers=has_new_integers,
-            )
+        var2 = _solve_nonlinear(
+            split, var1, chosen, Consensus(weight, var1 + self.dual, 0.0), deadline
         )
-        iterate = _AdmmIterate(var2, chosen, violation, objective, number)
-        if best is None or iterate.rank(tolerance) < best.rank(tolerance):
-            best = iterate
-        if residual.max() <= options.residual:
-            break
-        if options.stop_when_feasible and violation <= tolerance:
-            break
+        time_nonlinear = time.monotonic()
+        residual = np.abs(var1 - var2) / split.span
+        previous = var1 if self.nonlinear_point is None else self.nonlinear_point
+        violation, objective = instance.violation(var2, chosen), instance.objective(var2)
+        step = AdmmStep(
+            mean_residual=float(residual.mean()),
+            max_residual=float(residual.max()),
+            dual_residual=float((np.abs(var2 - previous) / split.span).max()),
+            violation=violation,
+            objective=objective,
+            mixed_integer_seconds=time_mixed_integer - time_begin,
+            nonlinear_seconds=time_nonlinear - time_mixed_integer,
+            new_integers=self.integers is None or not np.array_equal(rounded, self.integers),
+        )
+        self.integers, self.nonlinear_point = rounded, var2
         # Scaled duals shrink as the weights grow, so that their product, the multiplier, stays.
-        dual = (dual + var1 - var2) / options.growth
-        weight = weight * options.growth
-        nonlinear_point = var2
-    return _finish(instance, best, steps, gap, tolerance, polish, begin, deadline)
+        self.dual = (self.dual + var1 - var2) / options.growth
+        self.weight = weight * options.growth
+        return _AdmmIterate(var2, chosen, violation, objective, number), step
 
 
 def _compute_weights(split: SplitInstance, options: AdmmOptions, x: Array) -> Array:
@@ -204,46 +238,33 @@ def _solve_nonlinear(
     return solve_nlp(split.form, numbers, bounds, var1, deadline, ITERATIONS).v
 
 
-def _finish(
+def _polish_best(
     instance: Instance,
     best: _AdmmIterate | None,
     steps: list[AdmmStep],
-    gap: float,
     tolerance: float,
-    polish: bool,
-    begin: float,
-    deadline: float,
-) -> AdmmResult:
-    """Polish the best iterate and build the result."""
+    deadline: float | None,
+) -> tuple[Array | None, list[str]]:
+    """Polish the best iterate at its integers, unless `deadline` is None.
+
+    Returns:
+        The polished point, the iterate where that violates constraints, or None without any
+        iterate; and the log.
+    """
     log = [f"{len(steps)} iterations"]
     if steps:
         log.append(
             f"last residual mean {steps[-1].mean_residual:.2g} max {steps[-1].max_residual:.2g}"
         )
-    x = None
-    if best is not None:
-        x = best.x
-        log.append(f"best iterate {best.number + 1} violates by {best.violation:.2g}")
-        if polish:
-            point = solve_fixed_integers(instance, best.x, best.assignment, deadline)
-            log.append(f"polish: {point.word}, {point.iterations} iterations")
-            is_feasible = instance.violation(point.v, best.assignment) <= tolerance
-            x = point.v if is_feasible else x
-    answer = Answer(
-        x=x,
-        bound=-np.inf,
-        infeasible=False,
-        nodes=len(steps),
-        time=time.monotonic() - begin,
-        solver=NAME,
-        log=tuple(log),
-        assignment=None if best is None else best.assignment,
-    )
-    return AdmmResult(
-        judge_answer(instance, answer, gap, tolerance),
-        tuple(steps),
-        None if best is None else best.number,
-    )
+    if best is None:
+        return None, log
+    log.append(f"best iterate {best.number + 1} violates by {best.violation:.2g}")
+    if deadline is None:
+        return best.x, log
+    point = solve_fixed_integers(instance, best.x, best.assignment, deadline)
+    log.append(f"polish: {point.word}, {point.iterations} iterations")
+    is_feasible = instance.violation(point.v, best.assignment) <= tolerance
+    return point.v if is_feasible else best.x, log
 
 
 _BLOCK_GAP = 1e-3  # the next consensus moves the block anyway

@@ -61,6 +61,7 @@ def follow_homotopy(
     assignment: IntArray | None = None,
     homotopy: tuple[float, ...] = HOMOTOPY,
     blur: float = 0.0,
+    *,
     deadline: float = np.inf,
     iterations: int = ITERATIONS,
 ) -> RelaxedPoint:
@@ -106,6 +107,7 @@ def solve_mpcc(
     gap: float = 1e-4,
     time_limit: float = np.inf,
     tolerance: float = TOLERANCE,
+    *,
     start: Array | None = None,
     assignment: IntArray | None = None,
     method: Complementarity | None = None,
@@ -136,9 +138,9 @@ def solve_mpcc(
     deadline = begin + time_limit
     method = method or Complementarity()
     blur = (1.0 if start is None else 0.0) if blur is None else blur
-    first = compute_box_center(instance) if start is None else start
+    x = compute_box_center(instance) if start is None else start
     relaxed = follow_homotopy(
-        instance, method, first, assignment, homotopy, blur, deadline, iterations
+        instance, method, x, assignment, homotopy, blur, deadline=deadline, iterations=iterations
     )
     x, chosen = relaxed.rounded.x, relaxed.rounded.assignment
     count = sum(step.iterations for step in relaxed.steps)

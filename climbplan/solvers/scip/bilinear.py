@@ -120,18 +120,19 @@ def build_bilinear_model(instance: Instance) -> ScipModel:
 
 def _add_indicator(
     scip: ScipModel,
+    binary: Any,
     row: sparse.csr_matrix,
     low: float,
     high: float,
-    binary: Any,
-    value: bool,
+    *,
+    value: bool = True,
     name: str,
 ) -> None:
     """Add: binary = value implies low <= row <= high."""
     for bound, sign, end in ((high, 1.0, "upper"), (low, -1.0, "lower")):
         if np.isfinite(bound):
             below = scip.build_affine(sign * row) <= float(sign * bound)
-            scip.model.addConsIndicator(below, binary, activeone=bool(value), name=f"{name}_{end}")
+            scip.model.addConsIndicator(below, binary, activeone=value, name=f"{name}_{end}")
 
 
 def _add_implications(scip: ScipModel, instance: Instance) -> None:
@@ -144,7 +145,8 @@ def _add_implications(scip: ScipModel, instance: Instance) -> None:
             implications.lower[k],
             implications.upper[k],
         )
-        _add_indicator(scip, rows[k], low, high, binary, bool(implications.value[k]), f"when{k}")
+        value = bool(implications.value[k])
+        _add_indicator(scip, binary, rows[k], low, high, value=value, name=f"when{k}")
 
 
 def _add_choices(scip: ScipModel, instance: Instance) -> None:
@@ -155,9 +157,9 @@ def _add_choices(scip: ScipModel, instance: Instance) -> None:
             A = sparse.csr_matrix(sparse.csr_matrix(polytope.A) @ choice.E)
             C = sparse.csr_matrix(sparse.csr_matrix(polytope.C) @ choice.E)
             for k, high in enumerate(polytope.b - polytope.A @ choice.e):
-                _add_indicator(scip, A[k], -np.inf, high, binary, True, f"in{c}_{r}_{k}")
+                _add_indicator(scip, binary, A[k], -np.inf, high, name=f"in{c}_{r}_{k}")
             for k, value in enumerate(polytope.c - polytope.C @ choice.e):
-                _add_indicator(scip, C[k], value, value, binary, True, f"in{c}_{r}_at{k}")
+                _add_indicator(scip, binary, C[k], value, value, name=f"in{c}_{r}_at{k}")
 
 
 def _add_start(scip: ScipModel, instance: Instance, start: Array) -> None:

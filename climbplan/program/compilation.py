@@ -163,7 +163,6 @@ def compile_program(
             cost not quadratic, or the condition of an implication is not a single stated binary.
     """
     x, theta = ca.vertcat(*x_symbols), ca.vertcat(*theta_symbols)
-    zero = ca.DM.zeros(x.shape)
 
     def bilinear(label: str, expressions: Sequence[Sequence[Any] | AffineArray]) -> Bilinear:
         return extract_joined(f"{name}: {label}", expressions, x_symbols, theta_symbols)
@@ -178,13 +177,7 @@ def compile_program(
     products: dict[tuple[int, int], int] = {}
     for pair in (*rows.product_pair, *implications.product_pair):
         products.setdefault(pair, len(products))
-
-    hessian, gradient = ca.hessian(cost, x)
-    entries: Any = hessian.nonzeros()
-    nonzeros = ca.vertcat(*entries)
-    if ca.depends_on(nonzeros, x):
-        raise ValueError(f"{name}: the cost is not quadratic in the variables")
-    offsets = [ca.substitute(gradient, x, zero), ca.substitute(cost, x, zero)]
+    sparsity, nonzeros, offsets = _differentiate_cost(name, cost, x)
     program = CompiledProgram(
         name=name,
         blocks=blocks,
@@ -196,8 +189,8 @@ def compile_program(
         products=products,
         cost=ca.Function("cost", [theta], offsets),
         curvature=ca.Function("curvature", [theta], [nonzeros]),
-        P_indptr=np.array(hessian.sparsity().colind(), np.int32),
-        P_indices=np.array(hessian.sparsity().row(), np.int32),
+        P_indptr=np.array(sparsity.colind(), np.int32),
+        P_indices=np.array(sparsity.row(), np.int32),
         numeric=tuple(numeric),
         smooth=SmoothForm.of(blocks.smooth, x_symbols, theta_symbols),
     )
@@ -206,6 +199,22 @@ def compile_program(
         if depends_on_parameters(theta, nonzeros)
         else program.cache_curvature(np.zeros(theta.shape[0]))
     )
+
+
+def _differentiate_cost(name: str, cost: Any, x: Any) -> tuple[Any, Any, list[Any]]:
+    """Return the Hessian's sparsity and nonzeros, and the cost's gradient and value at zero.
+
+    Raises:
+        ValueError: The cost is not quadratic.
+    """
+    hessian, gradient = ca.hessian(cost, x)
+    entries: Any = hessian.nonzeros()
+    nonzeros = ca.vertcat(*entries)
+    if ca.depends_on(nonzeros, x):
+        raise ValueError(f"{name}: the cost is not quadratic in the variables")
+    zero = ca.DM.zeros(x.shape)
+    at_zero = [ca.substitute(gradient, x, zero), ca.substitute(cost, x, zero)]
+    return hessian.sparsity(), nonzeros, at_zero
 
 
 def _find_binaries(

@@ -185,6 +185,7 @@ class Program:
         lower: ArrayLike = -np.inf,
         upper: ArrayLike = np.inf,
         unit: str = "",
+        *,
         value: bool = True,
     ) -> None:
         """binary == value implies lower <= expression <= upper, elementwise.

@@ -299,6 +299,7 @@ def _add_scaled_rows(
     z: int,
     lower: Array | None,
     upper: Array | None,
+    *,
     complement: bool = False,
 ) -> None:
     """Add lower z <= A copy <= upper z, with 1 - z instead of z for the complement."""

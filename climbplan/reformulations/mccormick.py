@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from climbplan.arrays import Array, IntArray
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import LimitReached, UsageError
 from climbplan.program.instance import Instance, Products
 from climbplan.reformulations.base import Reformulated, Reformulation
@@ -178,32 +178,16 @@ class McCormick(Reformulation[EnvelopedInstance]):
         low, high = box.lower, box.upper
         n, K = instance.size, instance.products.count
         rows = TripletRows()
-        lower, upper, integer = [], [], []
-        deltas, bits = [], []
+        integer, deltas, bits = [], [], []
         column = n + K
         for partition in self.partitions:
-            N, count = partition.count, partition.count_binaries(self.encoding)
-            delta = np.arange(column, column + N)
-            num_bits = count if self.encoding == "log2" else 0
-            z = np.arange(column + N, column + N + num_bits)
-            column += N + num_bits
-            lower.append(np.zeros(N + num_bits))
-            upper.append(np.ones(N + num_bits))
-            unary = self.encoding == "unary" and count > 0
-            integer.append(np.concatenate([np.full(N, unary), np.ones(num_bits, bool)]))
-            rows.add(1, [(0, delta, 1.0)], 1.0, 1.0)
-            if num_bits:
-                bit, i = np.nonzero(build_code(N).T)
-                rows.add(num_bits, [(bit, delta[i], 1.0), (np.arange(num_bits), z, -1.0)], 0.0, 0.0)
-            for k, variable in enumerate(partition.variables):
-                # The variable lies in its piece, whether products hold it there or not.
-                variable_entry = [(0, variable, 1.0)]
-                rows.add(1, [*variable_entry, (0, delta, -partition.lower[:, k])], 0.0, np.inf)
-                rows.add(1, [*variable_entry, (0, delta, -partition.upper[:, k])], -np.inf, 0.0)
+            delta, z, is_binary = self._place_pieces(partition, column)
+            column += len(is_binary)
+            integer.append(is_binary)
+            _append_piece_rows(rows, partition, delta, z)
             deltas.append(delta)
             bits.append(z)
-        cells = []
-        without_partition = []
+        cells, without_partition = [], []
         places = self._locate_variables()
         for product in range(K):
             if is_late():
@@ -216,29 +200,20 @@ class McCormick(Reformulation[EnvelopedInstance]):
                 without_partition.append(product)
                 continue
             _append_weight_rows(rows, product_cells, instance.products, n, deltas)
-            size = product_cells.corners.x.size
-            lower.append(np.zeros(size))
-            upper.append(np.ones(size))
-            integer.append(np.zeros(size, bool))
-            column += size
+            integer.append(np.zeros(product_cells.corners.x.size, bool))
+            column += product_cells.corners.x.size
             cells.append(product_cells)
         append_envelope_rows(
             rows, instance.products, np.array(without_partition, int), box, n, self.squares
         )
         extension = Extension(
-            np.concatenate([np.zeros(0), *lower]),
-            np.concatenate([np.zeros(0), *upper]),
+            np.zeros(column - n - K),
+            np.ones(column - n - K),
             np.concatenate([np.zeros(0, bool), *integer]),
             rows.matrix(column),
             rows.lower,
             rows.upper,
         )
-        covering = all(
-            p.covers(instance.lower[p.variables], instance.upper[p.variables])
-            for p in self.partitions
-        )
-        square = instance.products.first == instance.products.second
-        exact_squares = self.squares == "envelope" or not square.any()
         return EnvelopeForm(
             self.partitions,
             tuple(deltas),
@@ -246,8 +221,17 @@ class McCormick(Reformulation[EnvelopedInstance]):
             tuple(cells),
             instance.products,
             extension,
-            relaxation=covering and exact_squares,
+            relaxation=self._is_relaxation(instance),
         )
+
+    def _is_relaxation(self, instance: Instance) -> bool:
+        """Return whether pieces cover all ranges and envelopes contain all products."""
+        covering = all(
+            p.covers(instance.lower[p.variables], instance.upper[p.variables])
+            for p in self.partitions
+        )
+        square = instance.products.first == instance.products.second
+        return bool(covering and (self.squares == "envelope" or not square.any()))
 
     def _locate_variables(self) -> dict[int, tuple[int, int]]:
         """Return the partition of each variable that has one, and its column there."""
@@ -256,6 +240,16 @@ class McCormick(Reformulation[EnvelopedInstance]):
             for p, partition in enumerate(self.partitions)
             for k, variable in enumerate(partition.variables)
         }
+
+    def _place_pieces(
+        self, partition: Partition, column: int
+    ) -> tuple[IntArray, IntArray, BoolArray]:
+        """Return the columns of weights and of their code from `column`, and which are binaries."""
+        N, count = partition.count, partition.count_binaries(self.encoding)
+        num_bits = count if self.encoding == "log2" else 0
+        unary = self.encoding == "unary" and count > 0
+        is_binary = np.concatenate([np.full(N, unary), np.ones(num_bits, bool)])
+        return column + np.arange(N), column + N + np.arange(num_bits), is_binary
 
     def _build_cells(
         self,
@@ -327,6 +321,22 @@ class EnvelopeForm:
 def _split_corners(corners: Corners) -> tuple[Array, Array, Array]:
     """Return the coordinates of corners."""
     return corners.x, corners.y, corners.w
+
+
+def _append_piece_rows(
+    rows: TripletRows, partition: Partition, delta: IntArray, bits: IntArray
+) -> None:
+    """Append the rows that select a piece by delta, the code of delta, and the piece's ends."""
+    rows.add(1, [(0, delta, 1.0)], 1.0, 1.0)
+    if len(bits):
+        bit, i = np.nonzero(build_code(len(delta)).T)
+        entries = [(bit, delta[i], 1.0), (np.arange(len(bits)), bits, -1.0)]
+        rows.add(len(bits), entries, 0.0, 0.0)
+    for k, variable in enumerate(partition.variables):
+        # The variable lies in its piece, whether products hold it there or not.
+        variable_entry = [(0, variable, 1.0)]
+        rows.add(1, [*variable_entry, (0, delta, -partition.lower[:, k])], 0.0, np.inf)
+        rows.add(1, [*variable_entry, (0, delta, -partition.upper[:, k])], -np.inf, 0.0)
 
 
 def _append_weight_rows(

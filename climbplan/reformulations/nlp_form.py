@@ -17,7 +17,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -214,6 +214,40 @@ class _ParameterSymbols:
         return pattern.fill(self.create_vector(name, len(pattern.indices)))
 
 
+class _IndicatorLimits(NamedTuple):
+    """Bounds of indicator rows and their big-M, symbols (m,) in the order of the parameters."""
+
+    low: Any
+    high: Any
+    below: Any  # big-M of the lower bound
+    above: Any  # big-M of the upper bound
+
+
+def _couple_indicators(
+    s: Any,
+    values: Any,
+    limits: _IndicatorLimits,
+    sides: tuple[IntArray, IntArray, IntArray],
+    coupling: Coupling,
+) -> list[Any]:
+    """Return rows g <= slack that let indicators s (m,) activate rows with some values (m,).
+
+    `sides` are the rows bounded below, those bounded above, and equations.
+    """
+    under, over, equal = sides
+    if coupling == "product":
+        return [
+            _select_entries(s * (limits.low - values), under),
+            _select_entries(s * (values - limits.high), over),
+            _select_entries(s * (values - limits.high), equal),
+        ]
+    below, above = limits.below * (1 - s), limits.above * (1 - s)
+    return [
+        _select_entries(limits.low - values - below, np.concatenate([under, equal])),
+        _select_entries(values - limits.high - above, np.concatenate([over, equal])),
+    ]
+
+
 @lru_cache(maxsize=32)
 def _build_symbolic(structure: Structure, manner: NlpOptions) -> NlpForm:
     """Build the symbolic program of a structure."""
@@ -229,9 +263,7 @@ def _build_symbolic(structure: Structure, manner: NlpOptions) -> NlpForm:
     row = numbers.create_matrix("A", structure.A) @ x + numbers.create_matrix("Q", structure.Q) @ w
     indicator_values = numbers.create_matrix("Ac", structure.conditional_A) @ x
     indicator_values += numbers.create_matrix("Qc", structure.conditional_Q) @ w
-    low, high = numbers.create_vector("low", m), numbers.create_vector("high", m)
-    below, above = numbers.create_vector("below", m), numbers.create_vector("above", m)
-
+    limits = _IndicatorLimits(*(numbers.create_vector(s, m) for s in _IndicatorLimits._fields))
     rows, included = np.arange(structure.A.shape[0]), np.arange(m)
     if manner.only_products:
         rows, included = (
@@ -245,22 +277,8 @@ def _build_symbolic(structure: Structure, manner: NlpOptions) -> NlpForm:
         s = v[list(structure.indicator)] if m else ca.SX(0, 1)
         sign = ca.DM([1.0 if value else -1.0 for value in structure.value])
         s = sign * s + (1 - sign) / 2  # the indicator, or one minus it
-        under, over, equal = _split_by_bounds(structure, included)
-        if manner.coupling == "product":
-            g.append(_select_entries(s * (low - indicator_values), under))
-            g.append(_select_entries(s * (indicator_values - high), over))
-            g.append(_select_entries(s * (indicator_values - high), equal))
-        else:
-            g.append(
-                _select_entries(
-                    low - indicator_values - below * (1 - s), np.concatenate([under, equal])
-                )
-            )
-            g.append(
-                _select_entries(
-                    indicator_values - high - above * (1 - s), np.concatenate([over, equal])
-                )
-            )
+        sides = _split_by_bounds(structure, included)
+        g += _couple_indicators(s, indicator_values, limits, sides, manner.coupling)
     for pattern, dimension in structure.balls:
         count = pattern.shape[0] // dimension
         F, f = numbers.create_matrix("F", pattern), numbers.create_vector("f", count * dimension)

@@ -228,7 +228,10 @@ def _add_limb_clearance(
                 [f for f, is_face_usable in zip(faces, is_usable, strict=True) if is_face_usable]
             )
         p.one_of(
-            f"limbs.axis_collision_{index}", postures, alternatives_by_limb * len(postures), unit="m"
+            f"limbs.axis_collision_{index}",
+            postures,
+            alternatives_by_limb * len(postures),
+            unit="m",
         )
 
 

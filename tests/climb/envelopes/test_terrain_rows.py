@@ -117,7 +117,7 @@ def test_share_of_feasible_rows(robot: Robot) -> None:
         statuses = {source.draw(np.random.default_rng(k)).status for k in range(4)}
         assert statuses == {word}
     source = TerrainRows(_spec(feasible_fraction=0.0, max_attempts=1), robot)
-    with pytest.raises(LimitReached, match="among 1"):
+    with pytest.raises(LimitReached, match="in 1 draws"):
         [source.draw(np.random.default_rng(k)) for k in range(20)]
 
 

@@ -52,7 +52,7 @@ def test_a_slow_machine_finds_the_same_plan(
 
 def test_the_budget_of_programs_ends_the_search() -> None:
     with pytest.raises(
-        LimitReached, match=r"with 1 programs.*`solver\.max_nlp_solves` ended throw"
+        LimitReached, match=r"with 1 nonlinear programs.*`solver\.max_nlp_solves` ended throw"
     ):
         plan_limms(loaded("limms_throw", "solver.max_nlp_solves=1"))
 
@@ -64,7 +64,7 @@ def test_parts_take_from_the_whole() -> None:
     assert part.deadline == whole.deadline
     for number in range(3):
         part.begin(f"choice {number}")
-    with pytest.raises(LimitReached, match="with 3 programs"):
+    with pytest.raises(LimitReached, match="with 3 nonlinear programs"):
         part.require_remaining()
     whole.merge(part)
     assert whole.remaining == 6
@@ -122,7 +122,7 @@ def test_a_pace_that_finds_nothing_leaves_budget_to_calmer_ones_with_legs(
     allowed = "[arms, quadruped]" if has_legs else "[arms]"
     spec = loaded("limms_walk", "massless=false", "robot=limms_carrier", f"task.allow={allowed}")
     if not has_legs:
-        with pytest.raises(LimitReached, match="with 200 programs"):
+        with pytest.raises(LimitReached, match="with 200 nonlinear programs"):
             plan_limms(spec)
         assert budgets == {1.0: 200}
         return

@@ -4,6 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.solvers.compiling import create_compiler
+from climbplan.compiling import create_compiler
 
 compiled = create_compiler(Path(__file__).parent, "*.py")

@@ -16,8 +16,8 @@ import numba
 import pytest
 
 import climbplan
+from climbplan import compiling
 from climbplan.cli.console import Invocation, plain_messages
-from climbplan.solvers import compiling
 from climbplan.solvers.mixed_integer.compiling import SOURCES
 
 PACKAGE = Path(climbplan.__file__).parent
@@ -25,7 +25,7 @@ ROOM = """
 import sys
 from pathlib import Path
 import numpy as np
-from climbplan.solvers.compiling import create_compiler
+from climbplan.compiling import create_compiler
 
 compiled = create_compiler(Path(__file__).parent, "compiled_*.py")
 STEPS = np.array([1.0, 2.0])
@@ -180,7 +180,7 @@ def test_python_hears_of_it_through_the_log(
     compiling._TELLER.__init__()
     with caplog.at_level(logging.INFO, "climbplan"):
         numba.njit(lambda x: 2 * x)(1)
-    assert [record.name for record in caplog.records] == ["climbplan.solvers.compiling"]
+    assert [record.name for record in caplog.records] == ["climbplan.compiling"]
     assert capsys.readouterr().err == ""
 
 

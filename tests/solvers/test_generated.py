@@ -152,7 +152,7 @@ from pathlib import Path
 import casadi as ca
 import numpy as np
 import stated
-from climbplan.solvers.compiling import create_compiler
+from climbplan.compiling import create_compiler
 from climbplan.solvers.generated import create_kernel, hash_sources
 
 def declare():

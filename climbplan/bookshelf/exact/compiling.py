@@ -2,6 +2,6 @@
 
 from pathlib import Path
 
-from climbplan.solvers.compiling import create_compiler
+from climbplan.compiling import create_compiler
 
 compiled = create_compiler(Path(__file__).parent, "*.py")

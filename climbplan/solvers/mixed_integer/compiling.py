@@ -5,7 +5,7 @@ from typing import cast
 
 import numpy as np
 
-from climbplan.solvers.compiling import create_compiler
+from climbplan.compiling import create_compiler
 
 SOURCES = (  # files with compiled functions, and those from which they take constants
     "active_set.py",

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
+from climbplan.compiling import create_compiler
 from climbplan.robots import symbols
-from climbplan.solvers.compiling import create_compiler
 from climbplan.solvers.generated import hash_sources
 from climbplan.walking.dynamics import dynamics
 

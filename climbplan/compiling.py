@@ -102,7 +102,7 @@ def select_pipelines(version: tuple[int, int]) -> tuple[type[Any], type[Any]]:
     """
     if version > _TESTED_VERSION:
         return numbas_own.Compiler, numbas_own.Compiler
-    from climbplan.solvers.joined_code import INNER, OUTER
+    from climbplan.joined_code import INNER, OUTER
 
     return INNER, OUTER
 

@@ -60,6 +60,51 @@ def find_nearest_raw(
         contacts: (..., C, 3) contacts of each limb, whose surfaces its tapered end may approach.
         margin: Clearance beyond the radius [m].
     """
+    measured = _measure_shortfalls(scan, capsules, contacts, margin)
+    missing = measured.missing
+    worst = int(np.argmax(missing))
+    shape = capsules.starts.shape[:-2]
+    index = tuple(int(i) for i in np.unravel_index(int(measured.limb[worst]), shape))
+    hit = measured.triangle[(missing > _DISTANCE_TOLERANCE) & (measured.triangle >= 0)]
+    solids = _build_solids_behind(scan, np.unique(hit))
+    worst_link = index[-1], int(measured.link[worst])
+    return NearestRaw(
+        float(missing[worst]),
+        index,
+        int(capsules.link[worst_link]),
+        float(capsules.radius[worst_link]),
+        solids,
+    )
+
+
+def compute_raw_shortfalls(
+    scan: RawSurface, capsules: Capsules, contacts: ToeContacts, margin: float
+) -> Array:
+    """Compute the largest clearance shortfall (...) of each limb's links [m].
+
+    Arguments as of `find_nearest_raw`; zero where all room is kept.
+    """
+    measured = _measure_shortfalls(scan, capsules, contacts, margin)
+    shape = capsules.starts.shape[:-2]
+    shortfalls = np.zeros(int(np.prod(shape)))
+    np.maximum.at(shortfalls, measured.limb, measured.missing)
+    return shortfalls.reshape(shape)
+
+
+@dataclass(frozen=True)
+class _Shortfalls:
+    """Missing room of pieces of links."""
+
+    missing: Array  # (Q,) [m]
+    limb: IntArray  # (Q,) of all poses, flat
+    link: IntArray  # (Q,)
+    triangle: IntArray  # (Q,) of the scan, -1 for none
+
+
+def _measure_shortfalls(
+    scan: RawSurface, capsules: Capsules, contacts: ToeContacts, margin: float
+) -> _Shortfalls:
+    """Measure the room that pieces of links lack, and the triangles that are too near."""
     from climbplan.scan.distances import compute_missing_clearance, find_contact_surfaces
 
     shape, count = capsules.starts.shape[:-2], capsules.starts.shape[-2]
@@ -98,18 +143,8 @@ def find_nearest_raw(
     # A limb out of reach is left out as a whole
     unknown = np.asarray(np.isnan(starts).any(axis=(1, 2)))
     missing = np.where(unknown[limb], 0.0, missing)
-    worst = int(np.argmax(missing))
-    index = tuple(int(i) for i in np.unravel_index(int(limb[worst]), shape))
-    hit = triangle[(missing > _DISTANCE_TOLERANCE) & (triangle >= 0)]
-    solids = _build_solids_behind(scan, number[np.unique(hit)])
-    worst_link = index[-1], int(link[worst])
-    return NearestRaw(
-        float(missing[worst]),
-        index,
-        int(capsules.link[worst_link]),
-        float(capsules.radius[worst_link]),
-        solids,
-    )
+    found = np.where(triangle >= 0, number[triangle], -1) if len(number) else triangle
+    return _Shortfalls(missing, limb, link, found)
 
 
 def _index_contacts(contacts: ToeContacts, shape: tuple[int, ...]) -> tuple[Array, IntArray]:

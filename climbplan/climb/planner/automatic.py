@@ -183,8 +183,9 @@ def plan_automatically(
     search = TrialSearch(loaded, plan)
     climb_scene = scene(loaded.spec)
     first = select_first_trial(climb_scene)
-    # Windows try the methods themselves: other trials have little to add
-    fraction = _TRIAL_FRACTION * (1.0 if first.method == "auto" else _FIRST_TRIAL_FRACTION)
+    # On long ways other trials have little to add
+    is_long = first.method in ("auto", "contact-search")
+    fraction = _TRIAL_FRACTION * (1.0 if is_long else _FIRST_TRIAL_FRACTION)
     verified_plan = search.plan_and_verify(first, fraction * search.limit)
     if verified_plan is not None:
         return verified_plan

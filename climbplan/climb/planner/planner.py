@@ -27,6 +27,8 @@ from climbplan.robots.any_robot import list_assumptions
 from climbplan.schema.overrides import Override
 from climbplan.schema.robots.stored import collect_robot_texts
 
+_SEARCH = "contact-search"
+
 
 def plan_climb(
     loaded: LoadedClimb,
@@ -118,20 +120,25 @@ def plan_by_method(
         _require_support(scene)
     assumed = list_assumptions(loaded.robot, scene.robot)
     window_size = select_window(scene)
-    if window_size is None:
+    if save_model is not None and (window_size is not None or spec.solver.method == _SEARCH):
+        raise UsageError("--save-model writes one mixed-integer program: plan without windows")
+    if spec.solver.method == _SEARCH:
+        from climbplan.climb.contact_search.planner import plan_by_contact_search
+
+        searched = plan_by_contact_search(scene, clock, deadline, nodes)
+        scene, supported = searched.scene, searched.supported
+    elif window_size is None:
         motion = plan_motion(scene, clock, save_model, deadline, nodes=nodes)
         supported = plan_support(scene, motion, clock, deadline, nodes)
     else:
-        if save_model is not None:
-            raise UsageError("--save-model writes one mixed-integer program: plan without windows")
         from climbplan.climb.windows.windows import plan_in_windows
 
         windowed = plan_in_windows(scene, window_size, clock, deadline)
         scene, supported = windowed.scene, windowed.supported
-        if spec.task.rounds == "auto":
-            # As with a start from another plan, the text says what was chosen
-            count = str(scene.spec.task.round_count)
-            loaded = loaded.with_overrides([Override("task.rounds", count, "rounds: auto")])
+    if spec.task.rounds == "auto":
+        # As with a start from another plan, the text says what was chosen
+        count = str(scene.spec.task.round_count)
+        loaded = loaded.with_overrides([Override("task.rounds", count, "rounds: auto")])
     motion, forces = supported.motion, supported.forces
     with clock.stage("trajectory"):
         forces, trajectory = plan_with_torque_reserve(

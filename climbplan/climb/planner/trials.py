@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from climbplan.climb.contact_search.suitability import find_obstacle_to_method, starts_on_ground
 from climbplan.climb.postures.explanation import NoPostures
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.climb.scene.within_reach import select_window
@@ -36,10 +37,18 @@ class MethodVariant:
     choices: tuple[Override, ...] = ()
 
 
+_SEARCH = MethodVariant("contact-search", "contact-search")
+_WINDOWS = MethodVariant("windows", "auto")  # each by the first method that has a plan for it
+
+
 def select_first_trial(scene: ClimbScene) -> MethodVariant:
     """Return the global method where it can state the climb, else the one with exact rotations."""
     if select_window(scene) is not None:
-        return MethodVariant("windows", "auto")  # each by the first method that has a plan for it
+        return (
+            _SEARCH
+            if find_obstacle_to_method(scene) is None and starts_on_ground(scene)
+            else _WINDOWS
+        )
     steps = scene.spec.posture.steps
     convex = not scene.terrain.is_curved and steps.com_min == 0 and steps.toe_min == 0
     return MethodVariant("micp", "micp") if convex else MethodVariant("nlp", "nlp")
@@ -48,7 +57,11 @@ def select_first_trial(scene: ClimbScene) -> MethodVariant:
 def generate_further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[MethodVariant]:
     """Yield the trials that the failure of the first one suggests, the likeliest first."""
     first = select_first_trial(scene).method
-    if first == "auto":
+    if select_window(scene) is not None:
+        if first == _SEARCH.method:
+            yield _WINDOWS
+        elif find_obstacle_to_method(scene) is None:
+            yield _SEARCH
         yield from (
             _build_trial(first, c)
             for c in _generate_choices(scene)

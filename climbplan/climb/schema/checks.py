@@ -133,6 +133,8 @@ def _check_method(climb_parts: ValidClimbParts) -> list[Finding]:
         return []
     if climb_parts.solver.method == "auto":
         return _check_micp_only(climb_parts)
+    if climb_parts.solver.method == "contact-search":
+        return _check_contact_search(climb_parts)
     if climb_parts.solver.method not in ("micp", "nlp"):
         auto = isinstance(climb_parts.task, TaskSpec) and climb_parts.task.rounds == "auto"
         key: KeyPath = ("task", "rounds") if auto else ("solver", "window")
@@ -159,6 +161,29 @@ def _check_method(climb_parts: ValidClimbParts) -> list[Finding]:
             if min_step > 0:
                 message = f"a smallest step of {min_step:g} m is not convex, and {suggestion} it"
                 findings.append(Finding(("posture", "steps", name), message))
+    return findings
+
+
+def _check_contact_search(climb_parts: ValidClimbParts) -> list[Finding]:
+    """Return findings for what `contact-search` cannot state."""
+    findings = []
+    subject = "method `contact-search`"
+    if isinstance(climb_parts.task, TaskSpec) and climb_parts.task.rounds != "auto":
+        message = f"{subject} chooses the number of rounds; expected `auto`"
+        findings.append(Finding(("task", "rounds"), message))
+    if climb_parts.robot is not None and climb_parts.robot.gripper is not None:
+        message = f"{subject} plans toes that press; {climb_parts.robot.name} has grippers"
+        findings.append(Finding(("solver", "method"), message))
+    if climb_parts.terrain is not None and climb_parts.terrain.tube is not None:
+        message = f"{subject} needs flat contact regions; use `--method nlp` in a tube"
+        findings.append(Finding(("terrain", "tube"), message))
+    if climb_parts.posture is not None:
+        steps = climb_parts.posture.steps
+        findings += [
+            Finding(("posture", "steps", name), f"{subject} has no smallest step; expected 0")
+            for name, min_step in (("com_min", steps.com_min), ("toe_min", steps.toe_min))
+            if min_step > 0
+        ]
     return findings
 
 

@@ -261,10 +261,14 @@ class SolverSpec(SpecModel):
         "coupled-nlp",
         "coupled-minlp-scip",
         "sl1-relaxation",
+        "contact-search",
     ] = Field(
         default="auto",
         description="`auto`: `micp` first, then what its failure suggests: other methods, and "
-        "other choices of what the spec leaves open (lift, gait, the goal's angles). `micp`: "
+        "other choices of what the spec leaves open (lift, gait, the goal's angles); with "
+        "`task.rounds: auto` on ground `contact-search` first, then windows. `contact-search`: "
+        "footholds one after the other along a path of the body over the ground, for long ways on "
+        "stairs, rubble and scans with hundreds of regions. `micp`: "
         "globally optimal postures by a mixed-integer convex program, small rotations; `nlp`: "
         "exact rotations, curved terrain. Postures and contact forces together: `coupled`, "
         "moments by a learned envelope, then exact forces; `coupled-modes`, one of several "

@@ -7,7 +7,9 @@ import pytest
 from scipy.optimize import minimize
 
 from climbplan.arrays import Array
+from climbplan.climb.simulation.implicit_dynamics import memory_rows as rows
 from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
+from climbplan.climb.simulation.implicit_dynamics.initial_state import create_memory
 from climbplan.climb.simulation.implicit_dynamics.limb_equilibrium import _solve_limb
 from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
     MAX_TOE_COMPLIANCE,
@@ -29,7 +31,7 @@ def chain(zero: Array, angles: Array, columns: Array, axes: Array, out: Array) -
 @compiled
 def softness(zero: Array, angles: Array, work: ScratchMemory) -> float:
     """`_softness`."""
-    _compute_kinematics(zero, angles, work.jacobian, work.joint_axes, work.vectors[0])
+    _compute_kinematics(zero, angles, work.jacobian, work.joint_axes, work.vectors[rows.TOE])
     return _compute_toe_compliance(
         zero, len(work.jacobian), _compute_jacobian_volume(work.jacobian)
     )
@@ -56,11 +58,7 @@ def limb() -> Array:
 
 
 def work(joints: int = 3) -> ScratchMemory:
-    return ScratchMemory(
-        np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)),
-        np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((12, 3)), np.zeros((6, 3, 3)),
-        np.zeros((4, joints)), np.zeros((joints, 3)), np.zeros((joints, joints)),
-    )  # fmt: skip
+    return create_memory(joints)
 
 
 def held(place: Array, soft: float, start: Array) -> tuple[Array, Array]:

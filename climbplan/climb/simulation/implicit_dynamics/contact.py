@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.climb.simulation.implicit_dynamics import memory_rows as rows
 from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
 from climbplan.climb.simulation.implicit_dynamics.friction_cone import _project_to_cone_surface
 from climbplan.climb.simulation.implicit_dynamics.limb_equilibrium import _solve_limb
@@ -23,6 +24,7 @@ from climbplan.climb.simulation.implicit_dynamics.linear_algebra import (
     _apply_transpose,
     _dot,
     _invert,
+    _set_identity,
     _transform_matrix,
 )
 from climbplan.climb.simulation.implicit_dynamics.state import (
@@ -57,8 +59,8 @@ def _compute_toe_force(
 
     Returns False if the limb does not reach that place.
     """
-    offset, toe_body, force_body = work.vectors[6], work.vectors[7], work.vectors[8]
-    stiffness_body = work.matrices[5]
+    offset, toe_body = work.vectors[rows.OFFSET], work.vectors[rows.TOE_BODY]
+    force_body, stiffness_body = work.vectors[rows.FORCE_BODY], work.matrices[rows.STIFFNESS_BODY]
     for i in range(3):
         offset[i] = solution.position[limb, i] - body.com[i]
     _apply_transpose(body.rotation, offset, toe_body)
@@ -67,7 +69,9 @@ def _compute_toe_force(
     ):
         return False
     _apply_matrix(body.rotation, force_body, solution.force[limb])
-    _transform_matrix(body.rotation, stiffness_body, work.matrices[0], work.contact_stiffness)
+    _transform_matrix(
+        body.rotation, stiffness_body, work.matrices[rows.BUFFER], work.contact_stiffness
+    )
     return True
 
 
@@ -86,15 +90,10 @@ def _project_contact(
     Arguments and results are those of `_solve_contact`.
     """
     position, normal, force = solution.position[limb], solution.normal[limb], solution.force[limb]
-    projection, stiffness = work.force_projection, work.contact_stiffness
-    compliance = work.matrices[0]
-    offset, stiffness_normal, trial_force, cone_force = (
-        work.vectors[6],
-        work.vectors[8],
-        work.vectors[9],
-        work.vectors[10],
-    )
-    tangent, binormal, free_motion = work.vectors[0], work.vectors[1], work.vectors[2]
+    stiffness, compliance = work.contact_stiffness, work.matrices[rows.COMPLIANCE]
+    offset, free_motion = work.vectors[rows.DISPLACEMENT], work.vectors[rows.FREE_MOTION]
+    trial_force, cone_force = work.vectors[rows.TRIAL_FORCE], work.vectors[rows.CONE_FORCE]
+    tangent, binormal = work.vectors[rows.TANGENT], work.vectors[rows.BINORMAL]
     s0, s1, s2 = position[0], position[1], position[2]
     for attempt in range(_MAX_SLIDE_STEPS + 1):
         if not _compute_toe_force(body, zero, limb, springs, solution, work):
@@ -107,11 +106,7 @@ def _project_contact(
         for i in range(3):
             trial_force[i] += force[i]
         _apply_matrix(compliance, trial_force, free_motion)
-        lift_off = -_dot(free_motion, normal)
-        sliding = 0.0
-        for i in range(3):
-            sliding += (free_motion[i] + lift_off * normal[i]) ** 2
-        if lift_off >= mu * np.sqrt(sliding):
+        if _lifts_off(free_motion, normal, mu):
             return AIR
         press = _dot(trial_force, normal)
         shear = np.sqrt(max(_dot(trial_force, trial_force) - press * press, 0.0))
@@ -121,8 +116,7 @@ def _project_contact(
             ) or attempt == _MAX_SLIDE_STEPS:
                 for i in range(3):
                     force[i] = trial_force[i]
-                    for j in range(3):
-                        projection[i, j] = 1.0 if i == j else 0.0
+                _set_identity(work.force_projection)
                 return STICKS
             position[0], position[1], position[2] = s0, s1, s2
             continue
@@ -133,32 +127,51 @@ def _project_contact(
         for i in range(3):
             offset[i] = cone_force[i] - trial_force[i]
         _apply_matrix(compliance, offset, free_motion)
-        change = max(
-            abs(s0 + free_motion[0] - position[0]),
-            abs(s1 + free_motion[1] - position[1]),
-            abs(s2 + free_motion[2] - position[2]),
-        )
+        x, y, z = s0 + free_motion[0], s1 + free_motion[1], s2 + free_motion[2]
+        change = max(abs(x - position[0]), abs(y - position[1]), abs(z - position[2]))
         if change < _POSITION_TOLERANCE or attempt == _MAX_SLIDE_STEPS:
             break
-        position[0], position[1], position[2] = (
-            s0 + free_motion[0],
-            s1 + free_motion[1],
-            s2 + free_motion[2],
-        )
-    press = _dot(cone_force, normal)
+        position[0], position[1], position[2] = x, y, z
     for i in range(3):
         force[i] = cone_force[i]
-        # Normal to the cone: against the shear, and off the surface
-        offset[i] = mu * normal[i] - (cone_force[i] - press * normal[i]) / max(mu * press, 1e-12)
-    _apply_matrix(stiffness, offset, stiffness_normal)
-    curvature = max(_dot(offset, stiffness_normal), 1e-9)
+    _project_changes(force, normal, mu, work)
+    return SLIDES
+
+
+@compiled
+def _lifts_off(free_motion: Array, normal: Array, mu: float) -> bool:
+    """Return whether the motion of a toe without contact is in the polar cone of the friction cone.
+
+    It leaves the surface at least by mu times what it slides.
+    """
+    lift_off = -_dot(free_motion, normal)
+    sliding = 0.0
+    for i in range(3):
+        sliding += (free_motion[i] + lift_off * normal[i]) ** 2
+    return bool(lift_off >= mu * np.sqrt(sliding))
+
+
+@compiled
+def _project_changes(force: Array, normal: Array, mu: float, work: ScratchMemory) -> None:
+    """Project changes of a force on the cone to its tangent plane there: P, and P G in place of G.
+
+    The projection is along G times the normal of the cone.
+    """
+    projection, stiffness = work.force_projection, work.contact_stiffness
+    cone_normal = work.vectors[rows.CONE_NORMAL]
+    stiffness_normal = work.vectors[rows.STIFFNESS_NORMAL]
+    press = _dot(force, normal)
+    for i in range(3):
+        # Against the shear, and off the surface
+        cone_normal[i] = mu * normal[i] - (force[i] - press * normal[i]) / max(mu * press, 1e-12)
+    _apply_matrix(stiffness, cone_normal, stiffness_normal)
+    curvature = max(_dot(cone_normal, stiffness_normal), 1e-9)
     for i in range(3):
         for j in range(3):
-            projection[i, j] = (1.0 if i == j else 0.0) - stiffness_normal[i] * offset[
+            projection[i, j] = (1.0 if i == j else 0.0) - stiffness_normal[i] * cone_normal[
                 j
             ] / curvature
             stiffness[i, j] -= stiffness_normal[i] * stiffness_normal[j] / curvature
-    return SLIDES
 
 
 @compiled
@@ -184,35 +197,23 @@ def _solve_contact(
         return _project_contact(body, zero, limb, mu, springs, solution, work)
     position, normal, force = solution.position[limb], solution.normal[limb], solution.force[limb]
     solid, face = solution.solid[limb], solution.face[limb]
-    projection, stiffness = work.force_projection, work.contact_stiffness
-    full_stiffness = work.matrices[0]
-    direction, stiffness_direction = work.vectors[9], work.vectors[10]
+    stiffness = work.contact_stiffness
+    direction = work.vectors[rows.SLIDE_DIRECTION]
+    stiffness_direction = work.vectors[rows.STIFFNESS_DIRECTION]
     has_slid = False
     for attempt in range(_MAX_SLIDE_STEPS + 1):
         if not _compute_toe_force(body, zero, limb, springs, solution, work):
             return FAILED
-        press = _dot(force, normal)
+        press, shear = _decompose_force(force, normal, direction)
         # A toe without pressure at its anchor may still press where it slides to
         if press <= 0.0 and attempt > 1:
             return AIR
-        tangent0 = force[0] - press * normal[0]
-        tangent1 = force[1] - press * normal[1]
-        tangent2 = force[2] - press * normal[2]
-        shear = np.sqrt(tangent0**2 + tangent1**2 + tangent2**2)
         if press <= 0.0 and shear < _DETACHMENT_SHEAR_RATIO * -press:
             return AIR
         excess = shear - mu * press
         if not has_slid and excess <= 0.0:
-            for i in range(3):
-                for j in range(3):
-                    projection[i, j] = 1.0 if i == j else 0.0
+            _set_identity(work.force_projection)
             return STICKS
-        shear_norm = max(shear, 1e-12)
-        direction[0], direction[1], direction[2] = (
-            -tangent0 / shear_norm,
-            -tangent1 / shear_norm,
-            -tangent2 / shear_norm,
-        )
         _apply_matrix(stiffness, direction, stiffness_direction)
         tangential = _dot(direction, stiffness_direction)
         slide_stiffness = tangential + mu * _dot(normal, stiffness_direction)
@@ -222,20 +223,7 @@ def _solve_contact(
         if attempt == _MAX_SLIDE_STEPS or abs(excess) < _FRICTION_TOLERANCE * (
             mu * abs(press) + 0.01
         ):
-            # P = I - G e (e + mu n)^T / slide_stiffness, G = P G
-            for i in range(3):
-                for j in range(3):
-                    full_stiffness[i, j] = stiffness[i, j]
-                    projection[i, j] = (1.0 if i == j else 0.0) - stiffness_direction[i] * (
-                        direction[j] + mu * normal[j]
-                    ) / slide_stiffness
-            for i in range(3):
-                for j in range(3):
-                    stiffness[i, j] = (
-                        projection[i, 0] * full_stiffness[0, j]
-                        + projection[i, 1] * full_stiffness[1, j]
-                        + projection[i, 2] * full_stiffness[2, j]
-                    )
+            _release_sliding(direction, stiffness_direction, normal, mu, slide_stiffness, work)
             return SLIDES
         has_slid = True
         length = min(max(excess / slide_stiffness, -_MAX_SLIDE_STEP), _MAX_SLIDE_STEP)
@@ -243,3 +231,45 @@ def _solve_contact(
             position[i] += length * direction[i]
         _project_to_surface(position, solid, face, ground, normal)
     return FAILED
+
+
+@compiled
+def _decompose_force(force: Array, normal: Array, direction: Array) -> tuple[float, float]:
+    """Return pressure and shear of a force (3,), and leave the unit vector against the shear."""
+    press = _dot(force, normal)
+    for i in range(3):
+        direction[i] = force[i] - press * normal[i]
+    shear = np.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+    for i in range(3):
+        direction[i] = -direction[i] / max(shear, 1e-12)
+    return press, shear
+
+
+@compiled
+def _release_sliding(
+    direction: Array,
+    stiffness_direction: Array,
+    normal: Array,
+    mu: float,
+    slide_stiffness: float,
+    work: ScratchMemory,
+) -> None:
+    """Release the force of a sliding toe along its direction e: G becomes P G with the matrix
+
+    P = I - G e (e + mu n)^T / slide_stiffness.
+    """
+    projection, stiffness = work.force_projection, work.contact_stiffness
+    full_stiffness = work.matrices[rows.FULL_STIFFNESS]
+    for i in range(3):
+        for j in range(3):
+            full_stiffness[i, j] = stiffness[i, j]
+            projection[i, j] = (1.0 if i == j else 0.0) - stiffness_direction[i] * (
+                direction[j] + mu * normal[j]
+            ) / slide_stiffness
+    for i in range(3):
+        for j in range(3):
+            stiffness[i, j] = (
+                projection[i, 0] * full_stiffness[0, j]
+                + projection[i, 1] * full_stiffness[1, j]
+                + projection[i, 2] * full_stiffness[2, j]
+            )

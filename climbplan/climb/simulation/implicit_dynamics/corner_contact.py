@@ -9,9 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.climb.simulation.implicit_dynamics import memory_rows as rows
 from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
 from climbplan.climb.simulation.implicit_dynamics.contact import SLIDES, _compute_toe_force
-from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _dot
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _dot, _set_identity
 from climbplan.climb.simulation.implicit_dynamics.state import (
     BodyState,
     ContactSolution,
@@ -51,12 +52,8 @@ def _solve_corner_contact(
     if not _compute_toe_force(body, zero, limb, springs, solution, work):
         return False
     solid, face = contacts.corner_face[limb, 0], contacts.corner_face[limb, 1]
-    projected, corner_normal, surface_force, corner_force = (
-        work.vectors[6],
-        work.vectors[7],
-        work.vectors[8],
-        work.vectors[9],
-    )
+    projected, corner_normal = work.vectors[rows.CORNER_POINT], work.vectors[rows.CORNER_NORMAL]
+    surface_force, corner_force = work.vectors[rows.SURFACE_FORCE], work.vectors[rows.CORNER_FORCE]
     for a in range(3):
         projected[a] = solution.position[limb, a]
         surface_force[a] = corner_force[a] = 0.0
@@ -64,7 +61,7 @@ def _solve_corner_contact(
     corner_friction = 0.0
     if not contacts.frictionless[limb]:
         corner_friction = ground.tube_friction[solid] if face == TUBE else ground.friction[solid]
-    force, remainder = solution.force[limb], work.vectors[10]
+    force, remainder = solution.force[limb], work.vectors[rows.REMAINDER]
     for _ in range(_MAX_PROJECTIONS):
         for a in range(3):
             remainder[a] = force[a] - corner_force[a]
@@ -76,9 +73,7 @@ def _solve_corner_contact(
         for a in range(3):
             residual += (force[a] - surface_force[a] - corner_force[a]) ** 2
         if residual <= _FORCE_TOLERANCE**2 * _dot(force, force):
-            for i in range(3):
-                for j in range(3):
-                    work.force_projection[i, j] = 1.0 if i == j else 0.0
+            _set_identity(work.force_projection)
             return True
     return False
 

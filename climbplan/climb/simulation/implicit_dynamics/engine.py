@@ -93,9 +93,8 @@ def prepare_steps(plan: ClimbPlan, conditions: Conditions) -> PreparedMotion:
     """
     robot, trajectory = plan.robot, plan.trajectory
     zero, unit = _build_zero_pose(plan), robot.joint_unit
-    sample = _select_samples(
-        plan, conditions.speed, DELAYED_SPAN if conditions.delay > 0 else MAX_SPAN
-    )
+    max_span = DELAYED_SPAN if conditions.delay > 0 else MAX_SPAN
+    sample = _select_samples(plan, conditions.speed, max_span)
     instant = sample_instants(plan)
     angles = compute_true_angles(plan, instant)
     gravity_torque = -compute_gravity_torques(plan, conditions)
@@ -103,18 +102,16 @@ def prepare_steps(plan: ClimbPlan, conditions: Conditions) -> PreparedMotion:
     if conditions.limb_weights:
         feedforward = -gravity_torque / compute_assumed_stiffness(robot, conditions)
     command = trajectory.joint_command + feedforward
-    external_wrench = plan.instants.external_wrench[np.maximum(instant, 0)] + compute_links_wrench(
-        plan, conditions
-    )
+    external_wrench = plan.instants.external_wrench[np.maximum(instant, 0)]
+    external_wrench = external_wrench + compute_links_wrench(plan, conditions)
     jacobian = jacobian_world(robot, trajectory.rpy[sample], angles[sample])
     jacobian_inverse = invert_jacobian(jacobian)
     max_deflection = joint_softness(robot) * robot.max_torque
-    deflection = np.clip(
-        (angles - trajectory.joint_command)[sample], -max_deflection, max_deflection
-    )
+    deflection = (angles - trajectory.joint_command)[sample]
     toes = toe_world(robot, trajectory.com[sample], trajectory.rpy[sample], angles[sample])
     moment_arm = toes - trajectory.com[sample][:, None]
-    trusted = find_trusted_toes(plan)[sample]
+    contact, trusted = trajectory.contact[sample], find_trusted_toes(plan)[sample]
+    projector = build_internal_projector(limb_compliance(robot, jacobian), moment_arm, contact)
     footholds = number_footholds(trajectory.contact)
     should_press = find_stance(plan) & (compute_planned_pressure(plan) >= MIN_STANCE_PRESSURE)
     duration = np.diff(trajectory.time[sample], prepend=trajectory.time[0]) / conditions.speed
@@ -131,19 +128,13 @@ def prepare_steps(plan: ClimbPlan, conditions: Conditions) -> PreparedMotion:
         rotation=contiguous(rotation_world_body(trajectory.rpy[sample])),
         should_press=contiguous(should_press[sample].astype(np.int64)),
         trusted=contiguous(trusted.astype(np.int64)),
-        contact=contiguous(trajectory.contact[sample].astype(np.int64)),
-        allow_pose_correction=contiguous(
-            (trusted == trajectory.contact[sample]).all(axis=1).astype(np.int64)
-        ),
+        contact=contiguous(contact.astype(np.int64)),
+        allow_pose_correction=contiguous((trusted == contact).all(axis=1).astype(np.int64)),
         jacobian_inverse=contiguous(jacobian_inverse / unit[..., None]),
         moment_arm=contiguous(moment_arm),
         jacobian=contiguous(jacobian * unit[:, None]),
-        joint_deflection=contiguous(deflection / unit),
-        internal_projector=contiguous(
-            build_internal_projector(
-                limb_compliance(robot, jacobian), moment_arm, trajectory.contact[sample]
-            )
-        ),
+        joint_deflection=contiguous(np.clip(deflection, -max_deflection, max_deflection) / unit),
+        internal_projector=contiguous(projector),
         max_deflection=contiguous(max_deflection / unit),
         foothold=contiguous(footholds.index[sample]),
         swing_phase=contiguous(footholds.swing_phase[sample]),

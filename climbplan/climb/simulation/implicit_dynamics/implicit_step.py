@@ -15,6 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.climb.simulation.implicit_dynamics import memory_rows as rows
 from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
 from climbplan.climb.simulation.implicit_dynamics.contact import AIR, FAILED, STICKS, _solve_contact
 from climbplan.climb.simulation.implicit_dynamics.corner_contact import (
@@ -36,8 +37,8 @@ from climbplan.climb.simulation.implicit_dynamics.state import (
     BodyState,
     ContactSolution,
     ContactState,
-    JointSprings,
     ScratchMemory,
+    SimulationState,
     StepSettings,
     TerrainGeometry,
 )
@@ -54,17 +55,17 @@ _MOMENT_ARM = 0.3  # [m]
 _MAX_TRANSLATION, _MAX_ROTATION = 0.03, 0.06  # [m], [rad] Newton step limits
 MAX_OVERSHOOT = 5e-4  # [m] that a toe may move beyond a surface that it reaches in a step
 _MAX_HALVINGS = 5  # of a Newton step that increases the residual, in a row
+_MAX_LANDING_SPAN = 0.005  # [s] longest step in which a toe may land wherever its command goes
+_PROJECTION_SPAN = 0.05  # [s] steps below project contact forces
+_ROUGH_SPAN = 2e-3  # [s] steps below accept rough equilibria: toes snap
 
 
 @compiled
 def _compute_contact_wrench(
-    body: BodyState,
     zero: Array,
-    contacts: ContactState,
     ground: TerrainGeometry,
-    springs: JointSprings,
     settings: StepSettings,
-    solution: ContactSolution,
+    state: SimulationState,
     work: ScratchMemory,
 ) -> bool:
     """Solve all contacts; sum their wrenches in `work.residual` and stiffness in `work.stiffness`.
@@ -72,10 +73,10 @@ def _compute_contact_wrench(
     zero: (N, 2J + 1, 3) limbs at zero angles. Returns False if a limb cannot reach its contact
     point, or if a toe lands in a step that is too long to locate the touchdown.
     """
-    wrench, matrix = work.residual, work.stiffness
-    wrench[:] = 0.0
-    matrix[:] = 0.0
-    toe_body, arm, moment = work.vectors[0], work.vectors[1], work.vectors[2]
+    body, contacts, springs, solution = state.body, state.contacts, state.springs, state.solution
+    work.residual[:] = 0.0
+    work.stiffness[:] = 0.0
+    toe_body = work.vectors[rows.TOE]
     for i in range(len(zero)):
         position = solution.position[i]
         if contacts.in_contact[i]:
@@ -90,16 +91,11 @@ def _compute_contact_wrench(
             _apply_matrix(body.rotation, toe_body, position)
             for a in range(3):
                 position[a] += body.com[a]
-            g, f, fraction = _find_first_hit(
-                contacts.anchor[i], position, ground, 0.0, int(np.int64(-1))
-            )
+            g, f, overshoot = _find_touchdown(contacts.anchor[i], position, ground)
             if g < 0:
                 solution.mode[i] = AIR
                 solution.force[i] = 0.0
                 continue
-            overshoot = 0.0  # [m^2] squared distance from the touchdown to the commanded position
-            for a in range(3):
-                overshoot += ((1 - fraction) * (position[a] - contacts.anchor[i, a])) ** 2
             if settings.forbid_landing and overshoot > MAX_OVERSHOOT**2:
                 return False
         solution.solid[i], solution.face[i] = g, f
@@ -121,15 +117,36 @@ def _compute_contact_wrench(
         if mode == AIR:
             solution.force[i] = 0.0
             continue
-        force = solution.force[i]
-        for a in range(3):
-            arm[a] = position[a] - body.com[a]
-            wrench[a] += force[a]
-        _cross(arm, force, moment)
-        for a in range(3):
-            wrench[3 + a] += moment[a]
-        _add_stiffness(arm, force, work, matrix)
+        _add_wrench(position, solution.force[i], body, work)
     return True
+
+
+@compiled
+def _find_touchdown(
+    anchor: Array, position: Array, ground: TerrainGeometry
+) -> tuple[int, int, float]:
+    """Return solid and face that a toe reaches on its way, -1 if none, and the squared overshoot.
+
+    The overshoot is the rest of the way from the touchdown to the commanded position.
+    """
+    g, f, fraction = _find_first_hit(anchor, position, ground, 0.0, int(np.int64(-1)))
+    overshoot = 0.0  # [m^2]
+    for a in range(3):
+        overshoot += ((1 - fraction) * (position[a] - anchor[a])) ** 2
+    return g, f, overshoot
+
+
+@compiled
+def _add_wrench(position: Array, force: Array, body: BodyState, work: ScratchMemory) -> None:
+    """Add the wrench of one contact to `work.residual`, and its stiffness to `work.stiffness`."""
+    arm, moment = work.vectors[rows.MOMENT_ARM], work.vectors[rows.MOMENT]
+    for a in range(3):
+        arm[a] = position[a] - body.com[a]
+        work.residual[a] += force[a]
+    _cross(arm, force, moment)
+    for a in range(3):
+        work.residual[3 + a] += moment[a]
+    _add_stiffness(arm, force, work, work.stiffness)
 
 
 @compiled
@@ -139,7 +156,8 @@ def _add_stiffness(arm: Array, force: Array, work: ScratchMemory, matrix: Array)
     dF = -G dc + (G [r]x - P [f]x) dw and dM = r x dF + f x dc, with G the contact stiffness and P
     the force projection of the contact.
     """
-    stiffness, projection, block = work.contact_stiffness, work.force_projection, work.matrices[0]
+    stiffness, projection = work.contact_stiffness, work.force_projection
+    block = work.matrices[rows.STIFFNESS_BLOCK]
     r0, r1, r2 = arm[0], arm[1], arm[2]
     f0, f1, f2 = force[0], force[1], force[2]
     for i in range(3):
@@ -182,15 +200,7 @@ def _has_overshot(
 
 @compiled
 def _solve_step(
-    body: BodyState,
-    settings: StepSettings,
-    load: BodyLoad,
-    zero: Array,
-    contacts: ContactState,
-    ground: TerrainGeometry,
-    springs: JointSprings,
-    solution: ContactSolution,
-    work: ScratchMemory,
+    zero: Array, ground: TerrainGeometry, span: float, state: SimulationState, work: ScratchMemory
 ) -> bool:
     """Move a body to its equilibrium at the end of a time step, in place.
 
@@ -198,24 +208,29 @@ def _solve_step(
     and backlash have kinks. Returns False without an equilibrium, if it is unstable, or after an
     overshoot; a small residual at the iteration limit counts as an equilibrium.
 
-    zero: (N, 2J + 1, 3) limbs at zero angles. springs: the joints in this step.
+    zero: (N, 2J + 1, 3) limbs at zero angles. span: of the step [s].
     """
-    gravity_force, residual, newton_step = work.vectors[11], work.residual, work.newton_step
+    body, load = state.body, state.load
+    settings = StepSettings(
+        span, span < _PROJECTION_SPAN, span > _MAX_LANDING_SPAN, span < _ROUGH_SPAN
+    )
+    residual, newton_step = work.residual, work.newton_step
+    gravity_force = work.vectors[rows.GRAVITY_FORCE]
     gravity_force[0], gravity_force[1], gravity_force[2] = 0.0, 0.0, -load.mass * load.gravity
     tolerance = _TOLERANCE * load.mass * load.gravity
-    _extrapolate_motion(body, settings.span)
+    _extrapolate_motion(body, span)
     error, previous_error, num_halvings = np.inf, np.inf, 0
     for _ in range(_MAX_ITERATIONS):
-        if not _compute_contact_wrench(
-            body, zero, contacts, ground, springs, settings, solution, work
-        ):
+        if not _compute_contact_wrench(zero, ground, settings, state, work):
             return False
-        error = _add_loads(body, settings.span, load, gravity_force, work)
+        error = _add_loads(body, span, load, gravity_force, work)
         if error < tolerance:
-            return not (settings.forbid_landing and _has_overshot(contacts, ground, solution))
+            return not (
+                settings.forbid_landing and _has_overshot(state.contacts, ground, state.solution)
+            )
         if error > previous_error and num_halvings < _MAX_HALVINGS:
             num_halvings += 1
-            _halve_step(body, newton_step, work.vectors[3])
+            _halve_step(body, newton_step, work.vectors[rows.ROTATION_STEP])
             continue
         previous_error, num_halvings = error, 0
         if not _solve_positive_definite(work.stiffness, residual):
@@ -257,7 +272,7 @@ def _add_loads(
     """
     residual, matrix = work.residual, work.stiffness
     velocity, displacement = body.velocity, body.displacement
-    lever, moment = work.vectors[0], work.vectors[1]
+    lever, moment = work.vectors[rows.MOMENT_ARM], work.vectors[rows.MOMENT]
     mass, inertia = load.mass / span**2, load.inertia / span**2
     _apply_matrix(body.rotation, load.mass_offset, lever)
     _cross(lever, gravity_force, moment)

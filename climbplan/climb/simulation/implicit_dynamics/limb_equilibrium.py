@@ -9,6 +9,7 @@ more joints. All quantities are in the body frame.
 from __future__ import annotations
 
 from climbplan.arrays import Array
+from climbplan.climb.simulation.implicit_dynamics import memory_rows as rows
 from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
 from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
     HESSIAN_THRESHOLD,
@@ -25,6 +26,7 @@ from climbplan.climb.simulation.implicit_dynamics.linear_algebra import (
     _apply_transpose,
     _dot,
     _invert,
+    _set_diagonal,
     _transform_matrix,
 )
 from climbplan.climb.simulation.implicit_dynamics.redundant_limb_equilibrium import (
@@ -61,20 +63,11 @@ def _solve_limb(
         return _solve_compliant_limb(
             zero, limb, target, springs, angles, force, contact_stiffness, work
         )
-    jacobian, axes, inverse, hessian = (
-        work.jacobian,
-        work.joint_axes,
-        work.matrices[2],
-        work.matrices[3],
-    )
-    buffer = work.matrices[4]
-    toe, toe_error, angle_step, torque, joint_stiffness = (
-        work.vectors[0],
-        work.vectors[1],
-        work.vectors[2],
-        work.vectors[3],
-        work.vectors[4],
-    )
+    jacobian, axes = work.jacobian, work.joint_axes
+    inverse, hessian = work.matrices[rows.INVERSE], work.matrices[rows.HESSIAN]
+    toe, toe_error = work.vectors[rows.TOE], work.vectors[rows.TOE_ERROR]
+    angle_step, torque = work.vectors[rows.ANGLE_STEP], work.vectors[rows.TORQUE]
+    joint_stiffness = work.vectors[rows.STIFFNESS]
     has_converged = False
     for _ in range(_MAX_ITERATIONS):
         _compute_kinematics(zero, angles, jacobian, axes, toe)
@@ -97,7 +90,7 @@ def _solve_limb(
     _compute_joint_torques(limb, angles, springs, torque, joint_stiffness)
     _apply_matrix(inverse, torque, force)
     _compute_joint_hessian(jacobian, axes, force, joint_stiffness, hessian)
-    _transform_matrix(inverse, hessian, buffer, contact_stiffness)
+    _transform_matrix(inverse, hessian, work.matrices[rows.BUFFER], contact_stiffness)
     return True
 
 
@@ -119,19 +112,11 @@ def _solve_compliant_limb(
     H = k - f . d2p/dtheta2 the stiffness is df/dt = (I - J (J^T J + c H)^-1 J^T) / c.
     """
     compliance = springs.toe_compliance[limb]
-    jacobian, axes, inverse, hessian = (
-        work.jacobian,
-        work.joint_axes,
-        work.matrices[2],
-        work.matrices[3],
-    )
-    toe, torque, joint_stiffness, torque_error, angle_step = (
-        work.vectors[0],
-        work.vectors[3],
-        work.vectors[4],
-        work.vectors[1],
-        work.vectors[2],
-    )
+    jacobian, axes = work.jacobian, work.joint_axes
+    inverse, hessian = work.matrices[rows.INVERSE], work.matrices[rows.HESSIAN]
+    toe, torque = work.vectors[rows.TOE], work.vectors[rows.TORQUE]
+    torque_error, angle_step = work.vectors[rows.TORQUE_ERROR], work.vectors[rows.ANGLE_STEP]
+    joint_stiffness = work.vectors[rows.STIFFNESS]
     step_size = 1.0
     for _ in range(_MAX_COMPLIANT_ITERATIONS):
         _compute_kinematics(zero, angles, jacobian, axes, toe)
@@ -142,9 +127,7 @@ def _solve_compliant_limb(
         if use_hessian:
             _compute_joint_hessian(jacobian, axes, force, joint_stiffness, hessian)
         else:
-            hessian[:] = 0.0
-            for j in range(3):
-                hessian[j, j] = joint_stiffness[j]
+            _set_diagonal(joint_stiffness, hessian)
         for i in range(3):
             torque_error[i] = _dot(jacobian[i], force) - torque[i]
             for j in range(3):
@@ -163,18 +146,25 @@ def _solve_compliant_limb(
             _apply_transpose(jacobian, angle_step, torque_error)
             for i in range(3):
                 force[i] -= torque_error[i] / compliance
-                for j in range(3):
-                    torque[j] = jacobian[0, j] * inverse[0, i]
-                    torque[j] += jacobian[1, j] * inverse[1, i] + jacobian[2, j] * inverse[2, i]
-                for j in range(3):
-                    work.matrices[4][i, j] = torque[j]  # row i of (J^T J + c H)^-1 J^T
-            for i in range(3):
-                for j in range(3):
-                    inner_product = 0.0
-                    for k in range(3):
-                        inner_product += jacobian[k, i] * work.matrices[4][k, j]
-                    contact_stiffness[i, j] = (
-                        (1.0 if i == j else 0.0) - inner_product
-                    ) / compliance
+            _compute_compliant_stiffness(
+                jacobian, inverse, compliance, work.matrices[rows.RESPONSE], contact_stiffness
+            )
             return True
     return False
+
+
+@compiled
+def _compute_compliant_stiffness(
+    jacobian: Array, inverse: Array, compliance: float, response: Array, out: Array
+) -> None:
+    """Compute out = (I - J A J^T) / c with A = (J^T J + c H)^-1, and response = A J^T, (3, 3)."""
+    for i in range(3):
+        for j in range(3):
+            response[i, j] = jacobian[0, j] * inverse[0, i]
+            response[i, j] += jacobian[1, j] * inverse[1, i] + jacobian[2, j] * inverse[2, i]
+    for i in range(3):
+        for j in range(3):
+            inner_product = 0.0
+            for k in range(3):
+                inner_product += jacobian[k, i] * response[k, j]
+            out[i, j] = ((1.0 if i == j else 0.0) - inner_product) / compliance

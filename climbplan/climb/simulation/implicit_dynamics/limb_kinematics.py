@@ -45,31 +45,13 @@ def _compute_kinematics(
         v = a10 * p + a11 * q + a12 * r
         w = a20 * p + a21 * q + a22 * r
         axes[j, 0], axes[j, 1], axes[j, 2] = u, v, w
-        # Turned about the axis as it now is (Rodrigues): each column c by
-        # c cos + (axis x c) sin + axis (axis . c) (1 - cos)
         # A prismatic joint, whose axis is zero, does not rotate
         co, si = 1.0, 0.0
         if u != 0.0 or v != 0.0 or w != 0.0:
             co, si = np.cos(angles[j]), np.sin(angles[j])
-        k = 1.0 - co
-        d = k * (u * a00 + v * a10 + w * a20)
-        a00, a10, a20 = (
-            a00 * co + (v * a20 - w * a10) * si + u * d,
-            a10 * co + (w * a00 - u * a20) * si + v * d,
-            a20 * co + (u * a10 - v * a00) * si + w * d,
-        )
-        d = k * (u * a01 + v * a11 + w * a21)
-        a01, a11, a21 = (
-            a01 * co + (v * a21 - w * a11) * si + u * d,
-            a11 * co + (w * a01 - u * a21) * si + v * d,
-            a21 * co + (u * a11 - v * a01) * si + w * d,
-        )
-        d = k * (u * a02 + v * a12 + w * a22)
-        a02, a12, a22 = (
-            a02 * co + (v * a22 - w * a12) * si + u * d,
-            a12 * co + (w * a02 - u * a22) * si + v * d,
-            a22 * co + (u * a12 - v * a02) * si + w * d,
-        )
+        a00, a10, a20 = _rotate_column(a00, a10, a20, u, v, w, co, si)
+        a01, a11, a21 = _rotate_column(a01, a11, a21, u, v, w, co, si)
+        a02, a12, a22 = _rotate_column(a02, a12, a22, u, v, w, co, si)
         p = zero_pose[n + 1 + j, 0] - zero_pose[n + j, 0]
         q = zero_pose[n + 1 + j, 1] - zero_pose[n + j, 1]
         r = zero_pose[n + 1 + j, 2] - zero_pose[n + j, 2]
@@ -101,6 +83,22 @@ def _compute_kinematics(
             axes[j, 0], axes[j, 1], axes[j, 2] = 0.0, 0.0, 0.0
             continue
         jacobian[j, 0], jacobian[j, 1], jacobian[j, 2] = v * r - w * q, w * p - u * r, u * q - v * p
+
+
+@compiled
+def _rotate_column(
+    x: float, y: float, z: float, u: float, v: float, w: float, co: float, si: float
+) -> tuple[float, float, float]:
+    """Rotate a vector c = (x, y, z) about a unit vector a = (u, v, w), by Rodrigues' formula
+
+    c cos + (a x c) sin + a (a . c) (1 - cos); co, si are cosine and sine.
+    """
+    d = (1.0 - co) * (u * x + v * y + w * z)
+    return (
+        x * co + (v * z - w * y) * si + u * d,
+        y * co + (w * x - u * z) * si + v * d,
+        z * co + (u * y - v * x) * si + w * d,
+    )
 
 
 @compiled

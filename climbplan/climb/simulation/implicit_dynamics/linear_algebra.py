@@ -133,6 +133,22 @@ def _solve_positive_definite(matrix: Array, vector: Array) -> bool:
 
 
 @compiled
+def _set_diagonal(diagonal: Array, matrix: Array) -> None:
+    """Set a matrix (n, n) to a diagonal (n,), zero elsewhere."""
+    matrix[:] = 0.0
+    for j in range(len(diagonal)):
+        matrix[j, j] = diagonal[j]
+
+
+@compiled
+def _set_identity(matrix: Array) -> None:
+    """Set a matrix (3, 3) to the identity."""
+    for i in range(3):
+        for j in range(3):
+            matrix[i, j] = 1.0 if i == j else 0.0
+
+
+@compiled
 def _copy_rows(source: Array, target: Array) -> None:
     """Copy an array (N, n) to another."""
     for i in range(len(source)):

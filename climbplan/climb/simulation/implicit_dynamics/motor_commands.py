@@ -30,6 +30,7 @@ from climbplan.climb.simulation.implicit_dynamics.state import (
     RegulatorState,
     RobotParameters,
     ScratchMemory,
+    TimeStep,
 )
 
 
@@ -37,12 +38,7 @@ from climbplan.climb.simulation.implicit_dynamics.state import (
 def _compute_commands(
     motion: PlannedMotion,
     robot: RobotParameters,
-    s: int,
-    elapsed: float,
-    fraction: float,
-    span: float,
-    is_moving: bool,
-    clock: float,
+    step: TimeStep,
     body: BodyState,
     motors: MotorState,
     regulator: RegulatorState,
@@ -51,11 +47,8 @@ def _compute_commands(
     """Compute the set points of motors at the end of a time step.
 
     They are the planned commands with the errors of footholds and the regulator's corrections.
-
-    s: index of the planned step, of which `elapsed` is done and `fraction` is this time step.
-    span: length of the time step [s]. clock: time since the motion began, at its start [s].
     """
-    previous, progress = max(s - 1, 0), elapsed + fraction
+    s, previous, progress = step.index, max(step.index - 1, 0), step.elapsed + step.fraction
     reference = motors.reference
     for i in range(len(reference)):
         for j in range(reference.shape[1]):
@@ -65,11 +58,11 @@ def _compute_commands(
     _add_foothold_errors(motion, s, robot.foothold_error, reference, work)
     if robot.regulator == NO_REGULATOR:
         return
-    if not is_moving:
+    if not step.is_moving:
         _add_offset_commands(motion, s, regulator.offset, reference)
         _copy_rows(reference, regulator.command)
         return
-    _read_sensors(motors.rotor_angle, robot.sensor_noise, span, regulator)
+    _read_sensors(motors.rotor_angle, robot.sensor_noise, step.span, regulator)
     for i in range(len(reference)):
         for j in range(reference.shape[1]):
             feedforward = motion.feedforward[previous, i, j]
@@ -77,25 +70,14 @@ def _compute_commands(
                 regulator.mean_reading[i, j] - regulator.last_command[i, j] + feedforward
             )
     correct_position = robot.regulator == BY_JOINTS or robot.regulator == BY_POSE
+    com, rotation = body.com, body.rotation
     if robot.regulator == BY_JOINTS:
         _estimate_pose(motion, previous, regulator, work)
-        _update_offsets(
-            motion,
-            s,
-            elapsed,
-            span,
-            correct_position,
-            regulator.com,
-            regulator.rotation,
-            regulator,
-            work,
-        )
-    else:
-        _update_offsets(
-            motion, s, elapsed, span, correct_position, body.com, body.rotation, regulator, work
-        )
+        com, rotation = regulator.com, regulator.rotation
+    _update_offsets(motion, step, correct_position, com, rotation, regulator, work)
     if robot.delay > 0.0:
-        _compute_delayed_offsets(clock + span - robot.delay, clock + span, regulator)
+        now = step.clock + step.span
+        _compute_delayed_offsets(now - robot.delay, now, regulator)
         _add_offset_commands(motion, previous, regulator.delayed_offset, reference)
     else:
         _add_offset_commands(motion, previous, regulator.offset, reference)

@@ -14,6 +14,7 @@ r J^T J, r large, leaves the step unchanged and makes all pivots positive at a s
 from __future__ import annotations
 
 from climbplan.arrays import Array
+from climbplan.climb.simulation.implicit_dynamics import memory_rows as rows
 from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
 from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
     HESSIAN_THRESHOLD,
@@ -25,7 +26,12 @@ from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
     _compute_joint_torques,
     _compute_kinematics,
 )
-from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _apply_matrix, _dot, _invert
+from climbplan.climb.simulation.implicit_dynamics.linear_algebra import (
+    _apply_matrix,
+    _dot,
+    _invert,
+    _set_diagonal,
+)
 from climbplan.climb.simulation.implicit_dynamics.state import JointSprings, ScratchMemory
 
 _MAX_ITERATIONS = 25
@@ -48,24 +54,12 @@ def _solve_redundant_limb(
     Returns False if there is no equilibrium with the toe at the target, or only an unstable one.
     """
     n, compliance = len(angles), springs.toe_compliance[limb]
-    jacobian, axes, toe, toe_target = (
-        work.jacobian,
-        work.joint_axes,
-        work.vectors[0],
-        work.vectors[1],
-    )
-    toe_error, reaction = work.vectors[2], work.vectors[3]
-    torque, joint_stiffness, joint_step, hessian = (
-        work.joint_vectors[0],
-        work.joint_vectors[1],
-        work.joint_vectors[2],
-        work.joint_matrix,
-    )
-    angle_step, joint_response, toe_compliance = (
-        work.joint_vectors[3],
-        work.joint_response,
-        work.matrices[2],
-    )
+    jacobian, axes, hessian = work.jacobian, work.joint_axes, work.joint_matrix
+    toe, toe_error = work.vectors[rows.TOE], work.vectors[rows.TOE_ERROR]
+    torque, joint_step = work.joint_vectors[rows.JOINT_TORQUE], work.joint_vectors[rows.JOINT_STEP]
+    joint_stiffness = work.joint_vectors[rows.JOINT_STIFFNESS]
+    angle_step = work.joint_vectors[rows.JOINT_ANGLE_STEP]
+    joint_response = work.joint_response
     step_size = 1.0
     for _ in range(_MAX_ITERATIONS):
         _compute_kinematics(zero, angles, jacobian, axes, toe)
@@ -77,9 +71,7 @@ def _solve_redundant_limb(
         if use_hessian:
             _compute_joint_hessian(jacobian, axes, force, joint_stiffness, hessian)
         else:
-            hessian[:] = 0.0
-            for j in range(n):
-                hessian[j, j] = joint_stiffness[j]
+            _set_diagonal(joint_stiffness, hessian)
         penalty = _add_jacobian_penalty(jacobian, joint_stiffness, hessian)
         for j in range(n):
             joint_step[j] = torque[j]
@@ -87,35 +79,53 @@ def _solve_redundant_limb(
                 joint_response[j, a] = jacobian[j, a]
         if not _solve_positive_system(hessian, joint_response, joint_step):
             return False
-        penalty_correction = 1.0 - penalty * compliance
         for a in range(3):
             toe_error[a] = target[a] - toe[a]
-            toe_target[a] = toe_error[a] / penalty_correction
-            for b in range(3):
-                toe_compliance[a, b] = compliance / penalty_correction if a == b else 0.0
-            for j in range(n):
-                toe_target[a] += jacobian[j, a] * joint_step[j]
-                for b in range(3):
-                    toe_compliance[a, b] += jacobian[j, a] * joint_response[j, b]
-        _invert(toe_compliance, contact_stiffness)
-        _apply_matrix(contact_stiffness, toe_target, reaction)
-        largest_step = 0.0
-        for j in range(n):
-            angle_step[j] = _dot(joint_response[j], reaction) - joint_step[j]
-            largest_step = max(largest_step, abs(angle_step[j]))
-        for a in range(3):
-            force[a] = (reaction[a] - penalty * toe_error[a]) / penalty_correction
-            for b in range(3):
-                contact_stiffness[a, b] = (
-                    contact_stiffness[a, b] / penalty_correction - (penalty if a == b else 0.0)
-                ) / penalty_correction
-        scale = 1.0 if largest_step <= MAX_JOINT_STEP else MAX_JOINT_STEP / largest_step
+        step_size = _solve_toe_force(compliance, penalty, force, contact_stiffness, work)
+        scale = 1.0 if step_size <= MAX_JOINT_STEP else MAX_JOINT_STEP / step_size
         for j in range(n):
             angles[j] += scale * angle_step[j]
-        step_size = largest_step
         if use_hessian and step_size < JOINT_TOLERANCE:
             return True
     return False
+
+
+@compiled
+def _solve_toe_force(
+    compliance: float, penalty: float, force: Array, contact_stiffness: Array, work: ScratchMemory
+) -> float:
+    """Solve a Newton step for the force at the toe, and return its largest joint step [rad].
+
+    Rows of `work` hold toe error, H^-1 J^T and H^-1 torque of the augmented H; the joint step is
+    left there, force (3,) and stiffness (3, 3) in their arrays.
+    """
+    jacobian, joint_response = work.jacobian, work.joint_response
+    toe_compliance, reaction = work.matrices[rows.TOE_COMPLIANCE], work.vectors[rows.REACTION]
+    toe_target, toe_error = work.vectors[rows.TOE_TARGET], work.vectors[rows.TOE_ERROR]
+    joint_step = work.joint_vectors[rows.JOINT_STEP]
+    angle_step = work.joint_vectors[rows.JOINT_ANGLE_STEP]
+    penalty_correction = 1.0 - penalty * compliance
+    for a in range(3):
+        toe_target[a] = toe_error[a] / penalty_correction
+        for b in range(3):
+            toe_compliance[a, b] = compliance / penalty_correction if a == b else 0.0
+        for j in range(len(joint_step)):
+            toe_target[a] += jacobian[j, a] * joint_step[j]
+            for b in range(3):
+                toe_compliance[a, b] += jacobian[j, a] * joint_response[j, b]
+    _invert(toe_compliance, contact_stiffness)
+    _apply_matrix(contact_stiffness, toe_target, reaction)
+    largest_step = 0.0
+    for j in range(len(joint_step)):
+        angle_step[j] = _dot(joint_response[j], reaction) - joint_step[j]
+        largest_step = max(largest_step, abs(angle_step[j]))
+    for a in range(3):
+        force[a] = (reaction[a] - penalty * toe_error[a]) / penalty_correction
+        for b in range(3):
+            contact_stiffness[a, b] = (
+                contact_stiffness[a, b] / penalty_correction - (penalty if a == b else 0.0)
+            ) / penalty_correction
+    return largest_step
 
 
 @compiled

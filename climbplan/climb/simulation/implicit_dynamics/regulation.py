@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.climb.simulation.implicit_dynamics import memory_rows as rows
 from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
 from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import _compute_kinematics
 from climbplan.climb.simulation.implicit_dynamics.linear_algebra import (
@@ -22,6 +23,7 @@ from climbplan.climb.simulation.implicit_dynamics.state import (
     PlannedMotion,
     RegulatorState,
     ScratchMemory,
+    TimeStep,
 )
 from climbplan.control.joint_regulator import DECAY_RATE, FORCE_RATE, MAX_OFFSET, RATE
 
@@ -114,11 +116,11 @@ def _estimate_pose(
                 regulator.single_reading[i],
                 work.jacobian,
                 work.joint_axes,
-                work.vectors[1],
+                work.vectors[rows.TOE],
             )
-            _apply_matrix(rotation, work.vectors[1], work.vectors[0])
+            _apply_matrix(rotation, work.vectors[rows.TOE], work.vectors[rows.TOE_OFFSET])
             for a in range(3):
-                toes[i, a] = com[a] + work.vectors[0][a]
+                toes[i, a] = com[a] + work.vectors[rows.TOE_OFFSET][a]
         stood[i] = motion.trusted[s, i]
 
 
@@ -136,29 +138,16 @@ def _fit_rigid_motion(
 
     The rotation starts at its last value and is refined by Gauss-Newton steps.
     """
-    body_centroid, world_centroid, rotated_arm, world_arm, rotation_step = (
-        work.vectors[1],
-        work.vectors[2],
-        work.vectors[3],
-        work.vectors[4],
-        work.vectors[5],
-    )
-    normal, inverse = work.matrices[0], work.matrices[1]
-    body_centroid[:] = 0.0
-    world_centroid[:] = 0.0
-    count = 0
-    for i in range(len(toe_body)):
-        if trusted[i] and stood[i]:
-            count += 1
-            for a in range(3):
-                body_centroid[a] += toe_body[i, a]
-                world_centroid[a] += toes[i, a]
-    for a in range(3):
-        body_centroid[a] /= count
-        world_centroid[a] /= count
+    body_centroid = work.vectors[rows.BODY_CENTROID]
+    world_centroid = work.vectors[rows.WORLD_CENTROID]
+    rotated_arm, world_arm = work.vectors[rows.ROTATED_ARM], work.vectors[rows.WORLD_ARM]
+    arm_product, gradient = work.vectors[rows.ARM_PRODUCT], work.vectors[rows.GRADIENT]
+    rotation_step = work.vectors[rows.ROTATION_STEP]
+    normal, inverse = work.matrices[rows.NORMAL_MATRIX], work.matrices[rows.INVERSE]
+    _compute_centroid(trusted, stood, toe_body, body_centroid)
+    _compute_centroid(trusted, stood, toes, world_centroid)
     for _ in range(_MAX_ITERATIONS):
         normal[:] = 0.0
-        gradient = work.vectors[6]
         gradient[:] = 0.0
         for i in range(len(toe_body)):
             if not (trusted[i] and stood[i]):
@@ -168,10 +157,10 @@ def _fit_rigid_motion(
             _apply_matrix(rotation, world_arm, rotated_arm)
             for a in range(3):
                 world_arm[a] = toes[i, a] - world_centroid[a]
-            _cross(rotated_arm, world_arm, work.vectors[7])
+            _cross(rotated_arm, world_arm, arm_product)
             squared_norm = rotated_arm[0] ** 2 + rotated_arm[1] ** 2 + rotated_arm[2] ** 2
             for a in range(3):
-                gradient[a] += work.vectors[7][a]
+                gradient[a] += arm_product[a]
                 for b in range(3):
                     normal[a, b] -= rotated_arm[a] * rotated_arm[b]
                 normal[a, a] += squared_norm
@@ -191,46 +180,45 @@ def _fit_rigid_motion(
 
 
 @compiled
+def _compute_centroid(trusted: Array, stood: Array, points: Array, centroid: Array) -> None:
+    """Compute the centroid (3,) of the points (N, 3) of toes that are trusted and stood before."""
+    centroid[:] = 0.0
+    count = 0
+    for i in range(len(points)):
+        if trusted[i] and stood[i]:
+            count += 1
+            for a in range(3):
+                centroid[a] += points[i, a]
+    for a in range(3):
+        centroid[a] /= count
+
+
+@compiled
 def _update_offsets(
     motion: PlannedMotion,
-    s: int,
-    fraction: float,
-    span: float,
+    step: TimeStep,
     correct_position: bool,
     com: Array,
     rotation: Array,
     regulator: RegulatorState,
     work: ScratchMemory,
 ) -> None:
-    """Integrate errors of body pose and contact forces over a span [s] into toe corrections.
+    """Integrate errors of body pose and contact forces over a time step into toe corrections.
 
-    fraction: of planned step s at which the pose com, rotation is estimated. correct_position:
-    whether position errors count in addition to rotation. regulator.joint_error is an input.
+    com, rotation: pose at the start of the step. correct_position: whether position errors count in
+    addition to rotation. regulator.joint_error is an input.
     """
-    previous = max(s - 1, 0)
+    s, previous, fraction, span = step.index, max(step.index - 1, 0), step.elapsed, step.span
     joint_error, toe_error, offset = regulator.joint_error, regulator.toe_error, regulator.offset
-    desired_rotation, deflection_error, rotation_shift, position_error, rotation_error = (
-        work.matrices[0],
-        work.joint_vectors[0],
-        work.vectors[1],
-        work.vectors[2],
-        work.vectors[3],
-    )
+    position_error = work.vectors[rows.POSITION_ERROR]
+    rotation_error = work.vectors[rows.ROTATION_ERROR]
+    rotation_shift = work.vectors[rows.ROTATION_SHIFT]
+    deflection_error = work.joint_vectors[rows.DEFLECTION_ERROR]
+    desired_rotation = work.matrices[rows.DESIRED_ROTATION]
+    _compute_rotation_error(motion, step, rotation, desired_rotation, rotation_error)
     for a in range(3):
         desired = (1 - fraction) * motion.com[previous, a] + fraction * motion.com[s, a]
         position_error[a] = desired - com[a] if correct_position else 0.0
-        for b in range(3):
-            desired_rotation[a, b] = (1 - fraction) * motion.rotation[
-                previous, a, b
-            ] + fraction * motion.rotation[s, a, b]
-    # The skew-symmetric part of desired_rotation @ rotation.T
-    for a in range(3):
-        i, j = (a + 2) % 3, (a + 1) % 3
-        rotation_error[a] = 0.0
-        for b in range(3):
-            rotation_error[a] += (
-                desired_rotation[i, b] * rotation[j, b] - desired_rotation[j, b] * rotation[i, b]
-            ) / 2
     n = len(joint_error)
     for i in range(n):
         for j in range(joint_error.shape[1]):
@@ -261,6 +249,30 @@ def _update_offsets(
 
 
 @compiled
+def _compute_rotation_error(
+    motion: PlannedMotion, step: TimeStep, rotation: Array, desired_rotation: Array, out: Array
+) -> None:
+    """Compute the rotation vector (3,) from a rotation to the planned one, to first order.
+
+    The planned rotation at the start of the step is left in desired_rotation (3, 3).
+    """
+    s, previous, fraction = step.index, max(step.index - 1, 0), step.elapsed
+    for a in range(3):
+        for b in range(3):
+            desired_rotation[a, b] = (1 - fraction) * motion.rotation[
+                previous, a, b
+            ] + fraction * motion.rotation[s, a, b]
+    # The skew-symmetric part of desired_rotation @ rotation.T
+    for a in range(3):
+        i, j = (a + 2) % 3, (a + 1) % 3
+        out[a] = 0.0
+        for b in range(3):
+            out[a] += (
+                desired_rotation[i, b] * rotation[j, b] - desired_rotation[j, b] * rotation[i, b]
+            ) / 2
+
+
+@compiled
 def _add_offset_commands(motion: PlannedMotion, s: int, offset: Array, command: Array) -> None:
     """Add the joint motion that moves toes by offsets (N, 3) to commands (N, J)."""
     for i in range(len(command)):
@@ -281,7 +293,7 @@ def _add_foothold_errors(
     motion: PlannedMotion, s: int, foothold_error: Array, command: Array, work: ScratchMemory
 ) -> None:
     """Add the joint motion of foothold errors (N, P, 3) to commands (N, J)."""
-    toe_offset = work.vectors[0]
+    toe_offset = work.vectors[rows.TOE_OFFSET]
     for i in range(len(command)):
         index, phase = motion.foothold[s, i], motion.swing_phase[s, i]
         following = min(index + 1, foothold_error.shape[1] - 1)

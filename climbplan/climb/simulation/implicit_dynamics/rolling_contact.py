@@ -13,17 +13,14 @@ import numpy as np
 from climbplan.arrays import Array, IntArray, spans_of
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import sample_instants
+from climbplan.climb.simulation.implicit_dynamics import memory_rows as rows
 from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
 from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import _compute_kinematics
 from climbplan.climb.simulation.implicit_dynamics.linear_algebra import _apply_matrix
 from climbplan.climb.simulation.implicit_dynamics.state import (
-    BodyState,
-    ContactState,
-    FootSlip,
-    MotorState,
     PlannedMotion,
-    RegulatorState,
     ScratchMemory,
+    SimulationState,
     TerrainGeometry,
 )
 from climbplan.climb.simulation.implicit_dynamics.surfaces import _project_to_surface
@@ -73,16 +70,14 @@ def _compute_normals(plan: ClimbPlan) -> Array:
 def _roll_contacts(
     motion: PlannedMotion,
     s: int,
-    body: BodyState,
-    contacts: ContactState,
     ground: TerrainGeometry,
-    motors: MotorState,
-    regulator: RegulatorState,
-    slip: FootSlip,
+    state: SimulationState,
     work: ScratchMemory,
 ) -> None:
     """Move the ends of limbs to the points that touch in step s, and the anchors with them."""
-    toe_before, toe_after, shift = work.vectors[0], work.vectors[1], work.vectors[2]
+    toe_before, toe_after = work.vectors[rows.TOE_BEFORE], work.vectors[rows.TOE]
+    shift, normal = work.vectors[rows.SHIFT], work.vectors[rows.SURFACE_NORMAL]
+    contacts, motors, regulator = state.contacts, state.motors, state.regulator
     joints = motors.joint_angle.shape[1]
     for i in range(len(motors.joint_angle)):
         _compute_kinematics(
@@ -99,11 +94,11 @@ def _roll_contacts(
         if regulator.stood[i]:
             for a in range(3):
                 regulator.toes[i, a] += shift[a]
-        _apply_matrix(body.rotation, toe_after, shift)
+        _apply_matrix(state.body.rotation, toe_after, shift)
         for a in range(3):
             contacts.anchor[i, a] += shift[a]
-            slip.touchdown[i, a] += shift[a]
+            state.slip.touchdown[i, a] += shift[a]
         if contacts.in_contact[i]:
             _project_to_surface(
-                contacts.anchor[i], contacts.solid[i], contacts.face[i], ground, work.vectors[3]
+                contacts.anchor[i], contacts.solid[i], contacts.face[i], ground, normal
             )

@@ -115,6 +115,31 @@ class BodyLoad(NamedTuple):
     external_wrench: Array  # (6,) in addition to the weight [N, N m]
 
 
+class SimulationState(NamedTuple):
+    """A simulated robot and its contacts; all arrays are changed in place."""
+
+    body: BodyState
+    saved_body: BodyState  # pose before the time step, to which a step without solution returns
+    load: BodyLoad
+    contacts: ContactState
+    solution: ContactSolution
+    springs: JointSprings
+    motors: MotorState
+    regulator: RegulatorState
+    slip: FootSlip
+
+
+class TimeStep(NamedTuple):
+    """A time step, which is a part of a planned step."""
+
+    index: int  # of the planned step
+    elapsed: float  # fraction of the planned step that is done before
+    fraction: float  # of the planned step
+    span: float  # [s]
+    is_moving: bool  # the motion has begun: the robot has settled at the first commands
+    clock: float  # time since the motion began, at the start of the step [s]
+
+
 class StepSettings(NamedTuple):
     """How one time step is solved; all of it follows from its length."""
 
@@ -127,8 +152,8 @@ class StepSettings(NamedTuple):
 class ScratchMemory(NamedTuple):
     """Memory of the compiled functions: allocation would cost more than what they compute.
 
-    Named fields are results that the caller reads. Rows of `vectors` and `matrices` are
-    temporaries: each function names the rows that it uses.
+    Named fields are results that the caller reads. Rows of `vectors`, `matrices` and
+    `joint_vectors` are temporaries, with the numbers of `memory_rows.py`.
     """
 
     residual: Array  # (6,) unbalanced force and moment on the body [N, N m]
@@ -138,9 +163,9 @@ class ScratchMemory(NamedTuple):
     contact_stiffness: Array  # (3, 3) G of a toe's force change, world frame [N/m]
     jacobian: Array  # (J, 3) columns of a limb's Jacobian, body frame [m/rad]
     joint_axes: Array  # (J, 3) of a limb, body frame
-    vectors: Array  # (12, 3)
-    matrices: Array  # (6, 3, 3)
-    joint_vectors: Array  # (4, J)
+    vectors: Array  # (NUM_VECTORS, 3)
+    matrices: Array  # (NUM_MATRICES, 3, 3)
+    joint_vectors: Array  # (NUM_JOINT_VECTORS, J)
     joint_response: Array  # (J, 3) joint angles by the force at the toe [rad/N]
     joint_matrix: Array  # (J, J)
 

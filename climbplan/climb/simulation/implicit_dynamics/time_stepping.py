@@ -9,12 +9,16 @@ from __future__ import annotations
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.climb.simulation.implicit_dynamics import memory_rows as rows
 from climbplan.climb.simulation.implicit_dynamics.compiling import compiled
 from climbplan.climb.simulation.implicit_dynamics.contact import AIR, SLIDES
 from climbplan.climb.simulation.implicit_dynamics.corner_contact import _find_obstacle_hit
 from climbplan.climb.simulation.implicit_dynamics.implicit_step import _solve_step
+from climbplan.climb.simulation.implicit_dynamics.initial_state import (
+    create_memory,
+    create_state,
+)
 from climbplan.climb.simulation.implicit_dynamics.limb_kinematics import (
-    BACKLASH_STIFFNESS_RATIO,
     _compute_free_angles,
     _compute_jacobian_volume,
     _compute_kinematics,
@@ -39,7 +43,6 @@ from climbplan.climb.simulation.implicit_dynamics.regulation import (
 )
 from climbplan.climb.simulation.implicit_dynamics.rolling_contact import _roll_contacts
 from climbplan.climb.simulation.implicit_dynamics.state import (
-    BodyLoad,
     BodyState,
     ContactSolution,
     ContactState,
@@ -47,11 +50,11 @@ from climbplan.climb.simulation.implicit_dynamics.state import (
     JointSprings,
     MotorState,
     PlannedMotion,
-    RegulatorState,
     RobotParameters,
     ScratchMemory,
-    StepSettings,
+    SimulationState,
     TerrainGeometry,
+    TimeStep,
 )
 from climbplan.climb.simulation.implicit_dynamics.surfaces import (
     EDGE_TOLERANCE,
@@ -62,16 +65,11 @@ from climbplan.climb.simulation.implicit_dynamics.surfaces import (
 
 NUM_SETTLING_STEPS = 4  # at the first commands, before the motion starts
 SETTLING_SPAN = 0.25  # [s] of each
-_MAX_LANDING_SPAN = 0.005  # [s] longest step in which a toe may land wherever its command goes
-_PROJECTION_SPAN = 0.05  # [s] steps below project contact forces
 _MAX_SLIDING_SPAN = 0.03  # [s] longest step while a toe slides: it changes direction on the way
-_ROUGH_SPAN = 2e-3  # [s] steps below accept rough equilibria: toes snap
-_HISTORY_LENGTH = 2048  # corrections in the ring buffer of a delayed regulator
 MIN_STEP_FRACTION = 1.0 / 512  # of a planned step; shorter ones are not divided
 _CONTACT_TOLERANCE = 1e-5  # [m] from a surface at which a toe starts in contact
 
 
-@compiled
 def simulate_motion(
     motion: PlannedMotion, robot: RobotParameters, ground: TerrainGeometry, path: Array
 ) -> Array:
@@ -87,174 +85,133 @@ def simulate_motion(
     Returns:
         (COLUMNS,) the outcome, with the columns of `outcome.py`.
     """
-    n, joints = motion.command.shape[1], motion.command.shape[2]
-    work = ScratchMemory(
-        np.zeros(6), np.zeros((6, 6)), np.zeros(6), np.zeros((3, 3)), np.zeros((3, 3)),
-        np.zeros((joints, 3)), np.zeros((joints, 3)), np.zeros((12, 3)), np.zeros((6, 3, 3)),
-        np.zeros((4, joints)), np.zeros((joints, 3)), np.zeros((joints, joints)),
-    )  # fmt: skip
-    body = BodyState(motion.com[0].copy(), motion.rotation[0].copy(), np.zeros(6), np.zeros(6))
-    saved_body = BodyState(
-        motion.com[0].copy(), motion.rotation[0].copy(), np.zeros(6), np.zeros(6)
-    )
-    half_backlash = robot.backlash / (2 * (1 - BACKLASH_STIFFNESS_RATIO))
-    springs = JointSprings(
-        np.zeros((n, joints)), np.zeros((n, joints)), np.zeros((n, joints)), half_backlash,
-        np.zeros((n, joints)), np.zeros(n), np.zeros(n),
-    )  # fmt: skip
-    for i in range(n):
-        _compute_kinematics(
-            motion.zero_pose[i],
-            robot.initial_angles[i],
-            work.jacobian,
-            work.joint_axes,
-            work.vectors[0],
-        )
-        springs.jacobian_volume[i] = _compute_jacobian_volume(work.jacobian)
-    contacts = ContactState(
-        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64),
-        robot.initial_toes.copy(), np.zeros(n, np.int64), np.full((n, 2), -1),
-    )  # fmt: skip
-    solution = ContactSolution(
-        np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64),
-        robot.initial_toes.copy(), np.zeros((n, 3)), np.zeros((n, 3)),
-        robot.initial_angles.copy(), np.zeros(n, np.int64),
-    )  # fmt: skip
-    load = BodyLoad(robot.mass, robot.inertia, robot.gravity, robot.mass_offset, np.zeros(6))
-    motors = MotorState(
-        robot.initial_angles.copy(),
-        robot.initial_angles.copy(),
-        np.zeros((n, joints)),
-        np.zeros((n, joints)),
-    )
-    regulator = RegulatorState(
-        robot.initial_toes.copy(), motion.trusted[0].copy(), motion.com[0].copy(),
-        motion.rotation[0].copy(), robot.initial_toes - motion.initial_toes,
-        robot.initial_toes - motion.initial_toes, motion.command[0].copy(),
-        motion.command[0].copy(), np.zeros((n, joints)), np.zeros((n, 3)), np.zeros((n, 3)),
-        np.zeros((n, joints)), np.zeros((n, joints)), np.zeros(1, np.int64), np.zeros((n, 3)),
-        np.zeros(_HISTORY_LENGTH), np.zeros((_HISTORY_LENGTH if robot.delay > 0.0 else 0, n, 3)),
-        np.zeros(1, np.int64),
-    )  # fmt: skip
-    slip = FootSlip(robot.initial_toes.copy(), np.zeros(n))
     row = np.zeros(COLUMNS)
     row[CAUSE_LIMB] = -1
-    for i in range(n):
-        g, f, _ = _find_first_hit(
-            contacts.anchor[i], contacts.anchor[i], ground, _CONTACT_TOLERANCE, int(np.int64(-1))
-        )
-        if g >= 0:
-            contacts.in_contact[i], contacts.solid[i], contacts.face[i] = 1, g, f
-            _project_to_surface(contacts.anchor[i], g, f, ground, solution.normal[i])
-    _advance_motion(
-        motion, robot, ground, path, row, body, saved_body, load, springs, contacts, solution,
-        motors, regulator, slip, work,
-    )  # fmt: skip
+    work = create_memory(motion.command.shape[2])
+    run_motion(motion, robot, ground, path, row, create_state(motion, robot), work)
     return row
 
 
 @compiled
-def _advance_motion(
+def run_motion(
     motion: PlannedMotion,
     robot: RobotParameters,
     ground: TerrainGeometry,
     path: Array,
     row: Array,
-    body: BodyState,
-    saved_body: BodyState,
-    load: BodyLoad,
-    springs: JointSprings,
-    contacts: ContactState,
-    solution: ContactSolution,
-    motors: MotorState,
-    regulator: RegulatorState,
-    slip: FootSlip,
+    state: SimulationState,
     work: ScratchMemory,
 ) -> None:
-    """Advance all steps of `simulate_motion`, which allocates the arrays, and fill the outcome."""
+    """Run all steps of `simulate_motion`, and fill path (S, 3 + 6 N) and outcome (COLUMNS,)."""
+    _set_up_limbs(motion, ground, state, work)
     max_fraction, clock = 1.0, 0.0
     if robot.delay > 0.0:
-        _record_offsets(clock, regulator)
+        _record_offsets(clock, state.regulator)
     for index in range(-NUM_SETTLING_STEPS, len(motion.duration)):
-        s = max(index, 0)
-        full_span = SETTLING_SPAN if index <= 0 else motion.duration[s]
+        s, is_moving = max(index, 0), index > 0
         for a in range(6):
-            load.external_wrench[a] = motion.external_wrench[s, a]
-        for i in range(len(motors.rotor_angle)):
-            for j in range(motors.rotor_angle.shape[1]):
-                springs.gravity_torque[i, j] = motion.gravity_torque[s, i, j]
-        if index > 0 and len(motion.contact_points):
-            _roll_contacts(motion, s, body, contacts, ground, motors, regulator, slip, work)
-        _apply_friction_losses(robot, s, index > 0, contacts)
-        elapsed = 0.0
-        while elapsed < 1.0 - 1e-9:
-            fraction = min(
-                max_fraction,
-                1.0 - elapsed,
-                _MAX_SLIDING_SPAN / full_span if _is_sliding(solution) else 1.0,
-            )
-            if 1.0 - elapsed - fraction < 1e-6:
-                fraction = 1.0 - elapsed
-            span = fraction * full_span
-            settings = StepSettings(
-                span, span < _PROJECTION_SPAN, span > _MAX_LANDING_SPAN, span < _ROUGH_SPAN
-            )
-            _compute_commands(
-                motion,
-                robot,
-                s,
-                elapsed,
-                fraction,
-                span,
-                index > 0,
-                clock,
-                body,
-                motors,
-                regulator,
-                work,
-            )
-            _update_springs(motion, robot, span, springs, solution, motors)
-            _copy_body(body, saved_body)
-            has_converged = _solve_step(
-                body,
-                settings,
-                load,
-                motion.zero_pose,
-                contacts,
-                ground,
-                springs,
-                solution,
-                work,
-            )
-            if not has_converged:
-                _copy_body(saved_body, body)
-                _copy_rows(regulator.accepted_offset, regulator.offset)
-                max_fraction = fraction / 2
-                if max_fraction >= MIN_STEP_FRACTION:
-                    continue
-                row[LOST_BALANCE] = 1
-                _record_fall(s, row)
-                return
-            _copy_rows(regulator.command, regulator.last_command)
-            _copy_rows(regulator.offset, regulator.accepted_offset)
-            if robot.delay > 0.0 and index > 0:
-                clock += span
-                _record_offsets(clock, regulator)
-            elapsed += fraction
-            max_fraction = (
-                min(1.0, 2 * fraction) if elapsed < 1.0 - 1e-9 else min(1.0, 2 * max_fraction)
-            )
-            for a in range(6):
-                body.velocity[a] = body.displacement[a] / span
-            _accept_step(
-                motion, body, contacts, ground, springs, solution, motors, span, slip, work
-            )
-        if len(path):
-            _record_sample(body, solution, path[s])
-        _update_outcome(motion, s, ground, solution, slip, row)
-        if _has_fallen(motion, s, body, row):
+            state.load.external_wrench[a] = motion.external_wrench[s, a]
+        _copy_rows(motion.gravity_torque[s], state.springs.gravity_torque)
+        if is_moving and len(motion.contact_points):
+            _roll_contacts(motion, s, ground, state, work)
+        _apply_friction_losses(robot, s, is_moving, state.contacts)
+        has_balance, max_fraction, clock = _advance_planned_step(
+            motion, robot, ground, s, is_moving, max_fraction, clock, state, work
+        )
+        if not has_balance:
+            row[LOST_BALANCE] = 1
             _record_fall(s, row)
             return
+        if len(path):
+            _record_sample(state.body, state.solution, path[s])
+        _update_outcome(motion, s, ground, state.solution, state.slip, row)
+        if _has_fallen(motion, s, state.body, row):
+            _record_fall(s, row)
+            return
+
+
+@compiled
+def _set_up_limbs(
+    motion: PlannedMotion, ground: TerrainGeometry, state: SimulationState, work: ScratchMemory
+) -> None:
+    """Compute the Jacobians' volumes, and put toes on the surfaces that they start on."""
+    contacts = state.contacts
+    for i in range(len(contacts.anchor)):
+        _compute_kinematics(
+            motion.zero_pose[i],
+            state.motors.joint_angle[i],
+            work.jacobian,
+            work.joint_axes,
+            work.vectors[rows.TOE],
+        )
+        state.springs.jacobian_volume[i] = _compute_jacobian_volume(work.jacobian)
+        g, f, _ = _find_first_hit(
+            contacts.anchor[i], contacts.anchor[i], ground, _CONTACT_TOLERANCE, int(np.int64(-1))
+        )
+        if g >= 0:
+            contacts.in_contact[i], contacts.solid[i], contacts.face[i] = 1, g, f
+            _project_to_surface(contacts.anchor[i], g, f, ground, state.solution.normal[i])
+
+
+@compiled
+def _advance_planned_step(
+    motion: PlannedMotion,
+    robot: RobotParameters,
+    ground: TerrainGeometry,
+    s: int,
+    is_moving: bool,
+    max_fraction: float,
+    clock: float,
+    state: SimulationState,
+    work: ScratchMemory,
+) -> tuple[bool, float, float]:
+    """Advance planned step s in time steps, which are halved until they have a solution.
+
+    max_fraction: of the planned step, largest for its first time step. clock: time since the motion
+    began [s]. Returns whether all time steps have a solution, and these two for the next.
+    """
+    body, regulator = state.body, state.regulator
+    full_span = motion.duration[s] if is_moving else SETTLING_SPAN
+    elapsed = 0.0
+    while elapsed < 1.0 - 1e-9:
+        fraction = _choose_fraction(elapsed, max_fraction, full_span, state.solution)
+        step = TimeStep(s, elapsed, fraction, fraction * full_span, is_moving, clock)
+        _compute_commands(motion, robot, step, body, state.motors, regulator, work)
+        _update_springs(motion, robot, step.span, state.springs, state.solution, state.motors)
+        _copy_body(body, state.saved_body)
+        if not _solve_step(motion.zero_pose, ground, step.span, state, work):
+            _copy_body(state.saved_body, body)
+            _copy_rows(regulator.accepted_offset, regulator.offset)
+            max_fraction = fraction / 2
+            if max_fraction >= MIN_STEP_FRACTION:
+                continue
+            return False, max_fraction, clock
+        _copy_rows(regulator.command, regulator.last_command)
+        _copy_rows(regulator.offset, regulator.accepted_offset)
+        if robot.delay > 0.0 and is_moving:
+            clock += step.span
+            _record_offsets(clock, regulator)
+        elapsed += fraction
+        max_fraction = (
+            min(1.0, 2 * fraction) if elapsed < 1.0 - 1e-9 else min(1.0, 2 * max_fraction)
+        )
+        for a in range(6):
+            body.velocity[a] = body.displacement[a] / step.span
+        _accept_step(motion, ground, step.span, state, work)
+    return True, max_fraction, clock
+
+
+@compiled
+def _choose_fraction(
+    elapsed: float, max_fraction: float, full_span: float, solution: ContactSolution
+) -> float:
+    """Return the fraction of a planned step of full_span [s] that the next time step takes."""
+    fraction = min(
+        max_fraction,
+        1.0 - elapsed,
+        _MAX_SLIDING_SPAN / full_span if _is_sliding(solution) else 1.0,
+    )
+    return 1.0 - elapsed if 1.0 - elapsed - fraction < 1e-6 else fraction
 
 
 @compiled
@@ -290,76 +247,97 @@ def _apply_friction_losses(
 @compiled
 def _accept_step(
     motion: PlannedMotion,
-    body: BodyState,
-    contacts: ContactState,
     ground: TerrainGeometry,
-    springs: JointSprings,
-    solution: ContactSolution,
-    motors: MotorState,
     span: float,
-    slip: FootSlip,
+    state: SimulationState,
     work: ScratchMemory,
 ) -> None:
     """Update contacts, slip and motors from the solution of a step, in place."""
-    angles, rotor_angle, slid = motors.joint_angle, motors.rotor_angle, slip.distance
-    for i in range(len(angles)):
-        place = solution.position[i]
-        if solution.mode[i] == AIR:
-            contacts.corner_face[i, 0] = -1
-            # Without contact force the joints rest at the ends of their backlash
-            _compute_free_angles(i, springs, solution.angles[i])
-            _compute_kinematics(
-                motion.zero_pose[i],
-                solution.angles[i],
-                work.jacobian,
-                work.joint_axes,
-                work.vectors[0],
-            )
-            springs.jacobian_volume[i] = _compute_jacobian_volume(work.jacobian)
-            _apply_matrix(body.rotation, work.vectors[0], place)
-            for a in range(3):
-                place[a] += body.com[a]
-            contacts.in_contact[i] = 0
-            slid[i] = 0.0
+    for i in range(len(state.solution.mode)):
+        if state.solution.mode[i] == AIR:
+            _accept_free_limb(motion, i, state, work)
         else:
-            g, f = solution.solid[i], solution.face[i]
-            hit_solid, hit_face, overshoot = _find_obstacle_hit(i, contacts, ground, solution)
-            if hit_solid >= 0:
-                # The toe stops where it reaches the other surface
-                distance = 0.0
-                for a in range(3):
-                    distance += (place[a] - contacts.anchor[i, a]) ** 2
-                for a in range(3):
-                    place[a] -= overshoot / np.sqrt(distance) * (place[a] - contacts.anchor[i, a])
-                contacts.corner_face[i, 0], contacts.corner_face[i, 1] = g, f
-                g, f = hit_solid, hit_face
-            elif solution.mode[i] == SLIDES:
-                contacts.corner_face[i, 0] = -1
-            _project_to_surface(place, g, f, ground, solution.normal[i])
-            if not contacts.in_contact[i]:
-                for a in range(3):
-                    slip.touchdown[i, a] = place[a]
-            contacts.in_contact[i], contacts.solid[i], contacts.face[i] = 1, g, f
-            if _has_left_face(place, g, f, ground):
-                g, f, _ = _find_first_hit(place, place, ground, EDGE_TOLERANCE, int(np.int64(-1)))
-                if g < 0:
-                    contacts.in_contact[i] = 0
-                else:
-                    contacts.solid[i], contacts.face[i] = g, f
-                    _project_to_surface(place, g, f, ground, solution.normal[i])
-            distance = 0.0
-            for a in range(3):
-                distance += (place[a] - slip.touchdown[i, a]) ** 2
-            slid[i] = np.sqrt(distance)
-        for j in range(angles.shape[1]):
-            angles[i, j] = solution.angles[i, j]
-            deflection = angles[i, j] - springs.command[i, j]
-            stiffness = springs.stiffness[i, j]
-            torque = _compute_spring_torque(
-                deflection, springs.half_backlash[i, j], springs.backlash_stiffness[i, j], stiffness
-            )
-            rotor = springs.command[i, j] + torque / stiffness
-            motors.rotor_speed[i, j] = (rotor - rotor_angle[i, j]) / span
-            rotor_angle[i, j] = rotor
+            _accept_contact(i, ground, state.contacts, state.solution, state.slip)
+        _accept_rotors(i, span, state.springs, state.solution, state.motors)
         for a in range(3):
-            contacts.anchor[i, a] = place[a]
+            state.contacts.anchor[i, a] = state.solution.position[i, a]
+
+
+@compiled
+def _accept_free_limb(
+    motion: PlannedMotion, i: int, state: SimulationState, work: ScratchMemory
+) -> None:
+    """Place a limb in the air, whose joints rest at the ends of their backlash."""
+    body, solution, contacts = state.body, state.solution, state.contacts
+    place = solution.position[i]
+    contacts.corner_face[i, 0] = -1
+    _compute_free_angles(i, state.springs, solution.angles[i])
+    toe_body = work.vectors[rows.TOE]
+    _compute_kinematics(
+        motion.zero_pose[i], solution.angles[i], work.jacobian, work.joint_axes, toe_body
+    )
+    state.springs.jacobian_volume[i] = _compute_jacobian_volume(work.jacobian)
+    _apply_matrix(body.rotation, toe_body, place)
+    for a in range(3):
+        place[a] += body.com[a]
+    contacts.in_contact[i] = 0
+    state.slip.distance[i] = 0.0
+
+
+@compiled
+def _accept_contact(
+    i: int,
+    ground: TerrainGeometry,
+    contacts: ContactState,
+    solution: ContactSolution,
+    slip: FootSlip,
+) -> None:
+    """Put a toe in contact on its surface: its last one, or one that it slid to or over an edge."""
+    place = solution.position[i]
+    g, f = solution.solid[i], solution.face[i]
+    hit_solid, hit_face, overshoot = _find_obstacle_hit(i, contacts, ground, solution)
+    if hit_solid >= 0:
+        # The toe stops where it reaches the other surface
+        distance = 0.0
+        for a in range(3):
+            distance += (place[a] - contacts.anchor[i, a]) ** 2
+        for a in range(3):
+            place[a] -= overshoot / np.sqrt(distance) * (place[a] - contacts.anchor[i, a])
+        contacts.corner_face[i, 0], contacts.corner_face[i, 1] = g, f
+        g, f = hit_solid, hit_face
+    elif solution.mode[i] == SLIDES:
+        contacts.corner_face[i, 0] = -1
+    _project_to_surface(place, g, f, ground, solution.normal[i])
+    if not contacts.in_contact[i]:
+        for a in range(3):
+            slip.touchdown[i, a] = place[a]
+    contacts.in_contact[i], contacts.solid[i], contacts.face[i] = 1, g, f
+    if _has_left_face(place, g, f, ground):
+        g, f, _ = _find_first_hit(place, place, ground, EDGE_TOLERANCE, int(np.int64(-1)))
+        if g < 0:
+            contacts.in_contact[i] = 0
+        else:
+            contacts.solid[i], contacts.face[i] = g, f
+            _project_to_surface(place, g, f, ground, solution.normal[i])
+    distance = 0.0
+    for a in range(3):
+        distance += (place[a] - slip.touchdown[i, a]) ** 2
+    slip.distance[i] = np.sqrt(distance)
+
+
+@compiled
+def _accept_rotors(
+    i: int, span: float, springs: JointSprings, solution: ContactSolution, motors: MotorState
+) -> None:
+    """Update joint angles, rotor angles and rotor speeds of a limb."""
+    angles, rotor_angle = motors.joint_angle, motors.rotor_angle
+    for j in range(angles.shape[1]):
+        angles[i, j] = solution.angles[i, j]
+        deflection = angles[i, j] - springs.command[i, j]
+        stiffness = springs.stiffness[i, j]
+        torque = _compute_spring_torque(
+            deflection, springs.half_backlash[i, j], springs.backlash_stiffness[i, j], stiffness
+        )
+        rotor = springs.command[i, j] + torque / stiffness
+        motors.rotor_speed[i, j] = (rotor - rotor_angle[i, j]) / span
+        rotor_angle[i, j] = rotor

@@ -8,7 +8,7 @@ import numpy as np
 
 from climbplan.climb.contact_search.guide_path import build_guide_path
 from climbplan.climb.contact_search.limb_move import join_instants
-from climbplan.climb.contact_search.search import ContactSearch, SearchResult
+from climbplan.climb.contact_search.search import FootholdSearch, SearchResult
 from climbplan.climb.contact_search.suitability import find_obstacle_to_method
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait.instants import build_instants, compute_joint_angles
@@ -43,7 +43,7 @@ def plan_by_contact_search(
         raise UsageError(f"method contact-search plans {obstacle}")
     with clock.stage("posture"):
         guide = build_guide_path(scene)
-        result = ContactSearch(scene, guide).run(deadline, max_moves)
+        result = FootholdSearch(scene, guide).run(deadline, max_moves)
         if not result.is_complete:
             _raise_failure(result, guide.length)
     whole_scene = replace_rounds(scene, len(result.rounds) - 1)

@@ -62,7 +62,7 @@ class SearchResult:
     ran_out: str  # "time", "moves" or ""
 
 
-class ContactSearch:
+class FootholdSearch:
     """The search of one scene."""
 
     def __init__(self, scene: ClimbScene, guide: GuidePath) -> None:

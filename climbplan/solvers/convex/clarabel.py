@@ -57,7 +57,7 @@ class ClarabelSession:
             log=(f"Clarabel: {solution.status}",),
         )
 
-    def _load(self, instance: Instance, program: _ConicProgram) -> None:
+    def _load(self, instance: Instance, program: _QuadraticConicProgram) -> None:
         """Update the numbers of the solver, or rebuild it where the structure differs."""
         P, A, b = program.P, program.A, program.b
         indices = (program.equal, program.above, program.below, P.indptr, P.indices)
@@ -76,7 +76,7 @@ class ClarabelSession:
 
 
 @dataclass(frozen=True)
-class _ConicProgram:
+class _QuadraticConicProgram:
     """Minimise 1/2 x'P x + q'x subject to A x + s = b with s in a product of cones.
 
     Indices are those of the rows of the instance, followed by the bounds of its variables.
@@ -101,7 +101,7 @@ class _ConicProgram:
         return y
 
 
-def _build_conic_program(instance: Instance) -> _ConicProgram:
+def _build_conic_program(instance: Instance) -> _QuadraticConicProgram:
     """Build the conic program of a convex instance."""
     n = instance.size
     rows = sparse.vstack([instance.A, sparse.identity(n, format="csr")]).tocsr()
@@ -130,4 +130,4 @@ def _build_conic_program(instance: Instance) -> _ConicProgram:
     P.sort_indices()
     A.sort_indices()
     b = np.concatenate(right_sides)
-    return _ConicProgram(P, A, b, cones, equal, above, below, len(lower))
+    return _QuadraticConicProgram(P, A, b, cones, equal, above, below, len(lower))

@@ -252,7 +252,7 @@ class _BilinearRows(NamedTuple):
         )
 
 
-class _Coordinates(NamedTuple):
+class _NullspaceMap(NamedTuple):
     """Map x = shift + basis y that satisfies linear equations and fixed variables."""
 
     basis: Array  # (n, r)
@@ -280,7 +280,7 @@ def _substitute_fixed(rows: _BilinearRows, low: Array, high: Array) -> _Bilinear
     return _BilinearRows(A, Q, first, second, lower - offset, upper - offset)
 
 
-def _solve_equations(E: Array, e: Array, low: Array, high: Array) -> _Coordinates | None:
+def _solve_equations(E: Array, e: Array, low: Array, high: Array) -> _NullspaceMap | None:
     """Solve E x = e, both overwritten, for dependent variables; None if equations contradict.
 
     Variables without bounds are preferred, since the bounds of others become rows.
@@ -301,11 +301,11 @@ def _solve_equations(E: Array, e: Array, low: Array, high: Array) -> _Coordinate
     basis[dependent] = -E[np.ix_(rows, independent)]
     shift = np.where(fixed, low, 0.0)
     shift[dependent] = e[rows]
-    return _Coordinates(basis, shift, independent, dependent)
+    return _NullspaceMap(basis, shift, independent, dependent)
 
 
 def _build_linear_rows(
-    rows: _BilinearRows, coordinates: _Coordinates, low: Array, high: Array
+    rows: _BilinearRows, coordinates: _NullspaceMap, low: Array, high: Array
 ) -> tuple[Array, Array, Array] | None:
     """Return linear rows and bounds of dependent variables as lower <= L y <= upper.
 

@@ -141,12 +141,12 @@ class RenamedAttribute:
         self._new = new
 
     def __set_name__(self, owner: type, name: str) -> None:
-        self._shown = f"{owner.__name__}.{name}"
-        self._shown_new = f"{owner.__name__}.{self._new}"
+        self._old_label = f"{owner.__name__}.{name}"
+        self._new_label = f"{owner.__name__}.{self._new}"
 
     def __get__(self, instance: object, owner: type) -> Any:
         """Return what the new name gives; the class itself has the same without a warning."""
         if instance is None:
             return getattr(owner, self._new)
-        warn_renamed(f"`{self._shown}`", f"`{self._shown_new}`")
+        warn_renamed(f"`{self._old_label}`", f"`{self._new_label}`")
         return getattr(instance, self._new)

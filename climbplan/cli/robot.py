@@ -57,7 +57,7 @@ def robot(
         from climbplan.store.atomic_file import replace_atomically
 
         image = render_png(
-            draw_robot_picture(facts, looks=load_visual_geometry(spec, robot, _TRIANGLES))
+            draw_robot_picture(facts, geometry=load_visual_geometry(spec, robot, _TRIANGLES))
         )
         with replace_atomically(picture) as temporary:
             temporary.write_bytes(image)

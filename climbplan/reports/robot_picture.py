@@ -33,18 +33,18 @@ _DOTS = 1200  # of a limb's sampled toes that are drawn
 
 
 def draw_robot_picture(
-    facts: RobotFacts, title: str = "", looks: VisualGeometry | None = None
+    facts: RobotFacts, title: str = "", geometry: VisualGeometry | None = None
 ) -> Figure:
     """Draw a robot in its stance in three views, body frame [m].
 
     Args:
         facts: Measured facts of the robot: stance, joint angles and samples of its reach.
         title: What is shown; "" is the robot's name.
-        looks: Visual geometry, which takes the place of the body's box; None draws the box.
+        geometry: Visual geometry, which takes the place of the body's box; None draws the box.
     """
     robot = facts.robot
     angles = np.nan_to_num(facts.stance_angles)
-    triangles = None if looks is None else _collect_triangles(looks, robot, angles)
+    triangles = None if geometry is None else _collect_triangles(geometry, robot, angles)
     figure = new_figure(4.6, entries=robot.limb_count)
     points = joint_points_body(robot, angles)  # (N, P, 3)
     grid = figure.add_gridspec(1, 3)
@@ -71,8 +71,8 @@ def draw_robot_picture(
                 limb_points = points[limb]
                 ax.plot(
                     limb_points[:, horizontal], limb_points[:, vertical], color=color,
-                    linewidth=2 if looks is None else 1,
-                    marker="o", markersize=3.5 if looks is None else 2.5,
+                    linewidth=2 if geometry is None else 1,
+                    marker="o", markersize=3.5 if geometry is None else 2.5,
                 )  # fmt: skip
         ax.set_aspect("equal", adjustable="datalim")
         ax.set_xlabel(f"{_AXES[horizontal]} [m]")

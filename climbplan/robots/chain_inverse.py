@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.robots.chain_kernel import REACHED, solve_toes
+from climbplan.robots.chain_kernel import REACHED, ChainTable, solve_toes
 from climbplan.robots.chain_pose import ChainZero
 
 
@@ -55,14 +55,20 @@ def chain_inverse(
     lower_angle, upper_angle = lower / units, upper / units
     count = geometry.axes.shape[1]
     drive = geometry.drive
+    drive = np.tile(np.eye(count), (len(posture), 1, 1)) if drive is None else drive
+    chains = ChainTable(
+        joints=np.ascontiguousarray(geometry.joints),
+        axes=np.ascontiguousarray(geometry.axes),
+        toe=np.ascontiguousarray(geometry.toe),
+        slides=np.ascontiguousarray(
+            np.zeros_like(geometry.axes) if geometry.slides is None else geometry.slides
+        ),
+        drive=np.ascontiguousarray(drive),
+        moves=np.ascontiguousarray(geometry.moves),
+        posture=np.ascontiguousarray(posture / unit),
+    )
     angles, missing = solve_toes(
-        geometry.joints,
-        geometry.axes,
-        geometry.toe,
-        np.zeros_like(geometry.axes) if geometry.slides is None else geometry.slides,
-        np.tile(np.eye(count), (len(posture), 1, 1)) if drive is None else drive,
-        geometry.moves,
-        posture / unit,
+        chains,
         limbs,
         np.ascontiguousarray(toes),
         np.ascontiguousarray(lower_angle),

@@ -73,7 +73,7 @@ def test_a_picture_shows_triangles_at_their_links(tmp_path: Path) -> None:
     vertices = np.array(box.vertices) + chain.toe_zero[1]
     here = np.ones(len(vertices), np.int64)
     looks = VisualGeometry(vertices, np.array(box.faces, np.int64), here, 2 * here)
-    figure = draw_robot_picture(facts, looks=looks)
+    figure = draw_robot_picture(facts, geometry=looks)
     toe = robot.stance_body[1]
     for ax, (across, up) in zip(figure.axes, ((0, 1), (0, 2), (1, 2)), strict=True):
         (drawn,) = (one for one in ax.collections if isinstance(one, PolyCollection))

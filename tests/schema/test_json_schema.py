@@ -62,6 +62,7 @@ def test_units_and_bounds_are_there() -> None:
         "coupled-nlp",
         "coupled-minlp-scip",
         "sl1-relaxation",
+        "contact-search",
     ]
 
 

@@ -23,7 +23,7 @@ s.yaml:20: task.round: unknown key (did you mean 'rounds'?)
 s.yaml:24: task.goal.com.1: expected a number in m, got .nan
 s.yaml:24: task.goal.com: expected a list of three numbers in m, got [0.0, .nan]
 s.yaml:30: task.payload.mass: expected a number in kg >= 0, got 'heavy'
-s.yaml:34: solver.method: expected one of `auto`, `micp`, `nlp`, `coupled`, `coupled-modes`, `coupled-mccormick`, `coupled-nlp`, `coupled-minlp-scip`, `sl1-relaxation`, got 'mcip' (did you mean 'micp'?)
+s.yaml:34: solver.method: expected one of `auto`, `micp`, `nlp`, `coupled`, `coupled-modes`, `coupled-mccormick`, `coupled-nlp`, `coupled-minlp-scip`, `sl1-relaxation`, `contact-search`, got 'mcip' (did you mean 'micp'?)
 s.yaml:36: seed: appears twice, on lines 36 and 38
 s.yaml:37: friction: unknown key here; `friction` belongs under `terrain` or `terrain.regions[]` or `terrain.walls` or `terrain.ground` or `terrain.panel` or `terrain.panel.holds[]` or `terrain.boxes[]` or `terrain.scan` or `margins` or `uncertainty`
 s.yaml:39: titel: unknown key (did you mean 'title'?)"""  # noqa: E501

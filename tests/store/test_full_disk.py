@@ -125,11 +125,11 @@ def test_a_file_as_large_as_allowed(tmp_path: Path) -> None:
         "import numpy as np\n"
         "from pathlib import Path\n"
         "from climbplan.cli.output_directory import OutputDirectory\n"
-        "from climbplan.store.hdf5_layout import Layout\n"
+        "from climbplan.store.hdf5_layout import DatasetLayout\n"
         "from climbplan.store.hdf5_writing import create_store, write_dataset\n"
         "with OutputDirectory(Path('out')) as directory:\n"
         "    with create_store(directory.path / 'plan.h5') as file:\n"
-        "        write_dataset(file, 'a', np.arange(1e5), Layout(('n',)))\n"
+        "        write_dataset(file, 'a', np.arange(1e5), DatasetLayout(('n',)))\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=False

@@ -143,8 +143,8 @@ def _measure_shortfalls(
     # A limb out of reach is left out as a whole
     unknown = np.asarray(np.isnan(starts).any(axis=(1, 2)))
     missing = np.where(unknown[limb], 0.0, missing)
-    found = np.where(triangle >= 0, number[triangle], -1) if len(number) else triangle
-    return _Shortfalls(missing, limb, link, found)
+    closest = np.where(triangle >= 0, number[triangle], -1) if len(number) else triangle
+    return _Shortfalls(missing, limb, link, closest)
 
 
 def _index_contacts(contacts: ToeContacts, shape: tuple[int, ...]) -> tuple[Array, IntArray]:

@@ -108,10 +108,10 @@ class FootholdFinder:
         allowed = np.flatnonzero(
             scene.terrain.allowed[limb] & (self.normals @ start_normal >= _MIN_NORMAL_COSINE)
         )
-        near = allowed[beyond_bounds(self.bounds[:, allowed], nominal) <= radius]
+        candidates = allowed[beyond_bounds(self.bounds[:, allowed], nominal) <= radius]
         steps = _SPACING * np.arange(-_GRID_POINTS, _GRID_POINTS + 1)
         points, regions = [np.empty((0, 3))], [np.empty(0, np.int64)]
-        for number in near:
+        for number in candidates:
             region = self.regions[number]
             normal = region.normal
             first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
@@ -144,8 +144,8 @@ class FootholdFinder:
         suitable = solution.valid[:, 0].reshape(-1, count).all(axis=0)
         links = limb_capsules(robot, solution.best())
         if len(self.body_pairs[limb]):
-            room = compute_body_distances(robot, links, self.body_pairs[limb]).min(axis=-1)
-            suitable = suitable & ~(room.reshape(-1, count) < 0).any(axis=0)
+            clearance = compute_body_distances(robot, links, self.body_pairs[limb]).min(axis=-1)
+            suitable = suitable & ~(clearance.reshape(-1, count) < 0).any(axis=0)
         standing = slice(count, len(poses) * count)  # from the pose after its own move on
         links = replace(links, starts=links.starts[standing], ends=links.ends[standing])
         links = links.to_world(com[standing], rotation_world_body(rpy[standing]))
@@ -164,7 +164,7 @@ class FootholdFinder:
             missing = compute_raw_shortfalls(terrain.scan, links, contacts, INTERPOLATION_MARGIN)
             clear &= missing[:, 0] <= 1e-9
         if terrain.link_solids:
-            room = compute_link_clearances(self.scene, links, INTERPOLATION_MARGIN, limb)
-            lacking = room < INTERPOLATION_MARGIN - 1e-9
+            clearance = compute_link_clearances(self.scene, links, INTERPOLATION_MARGIN, limb)
+            lacking = clearance < INTERPOLATION_MARGIN - 1e-9
             clear &= ~lacking.reshape(len(clear), -1).any(axis=1)
         return clear

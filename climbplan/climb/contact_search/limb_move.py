@@ -239,8 +239,11 @@ class MoveChecker:
             )
 
 
-def join_instants(parts: list[Instants]) -> Instants:
+def join_instants(instants: list[Instants]) -> Instants:
     """Join instants in order."""
     return Instants(
-        **{name: np.concatenate([vars(part)[name] for part in parts]) for name in vars(parts[0])}
+        **{
+            name: np.concatenate([vars(entry)[name] for entry in instants])
+            for name in vars(instants[0])
+        }
     )

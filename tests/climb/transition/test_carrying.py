@@ -24,10 +24,17 @@ class _Planner:
         self.asked: list[tuple[float, float, float]] = []  # S_tau, share, room
 
     def plan_motion(
-        self, tables: Any, sequence: Any, asked: float, share: float, *rest: Any
+        self,
+        tables: Any,
+        sequence: Any,
+        asked: float,
+        *,
+        margin_fraction: float,
+        joint_margin: float,
+        **_: Any,
     ) -> TransitionMotion:
-        room = rest[-1]
-        self.asked.append((asked, share, room))
+        room = joint_margin
+        self.asked.append((asked, margin_fraction, room))
         rounds: Any = SimpleNamespace(room=room)
         return TransitionMotion(rounds, np.zeros(3), 0.0, "", 1, 0.0, "", self.has)
 

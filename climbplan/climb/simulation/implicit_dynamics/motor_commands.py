@@ -48,7 +48,11 @@ def _compute_commands(
 
     They are the planned commands with the errors of footholds and the regulator's corrections.
     """
-    s, previous, progress = step.index, max(step.index - 1, 0), step.elapsed + step.fraction
+    s, previous, progress = (
+        step.planned_step,
+        max(step.planned_step - 1, 0),
+        step.elapsed + step.fraction,
+    )
     reference = motors.reference
     for i in range(len(reference)):
         for j in range(reference.shape[1]):

@@ -208,7 +208,12 @@ def _update_offsets(
     com, rotation: pose at the start of the step. correct_position: whether position errors count in
     addition to rotation. regulator.joint_error is an input.
     """
-    s, previous, fraction, span = step.index, max(step.index - 1, 0), step.elapsed, step.span
+    s, previous, fraction, span = (
+        step.planned_step,
+        max(step.planned_step - 1, 0),
+        step.elapsed,
+        step.span,
+    )
     joint_error, toe_error, offset = regulator.joint_error, regulator.toe_error, regulator.offset
     position_error = work.vectors[rows.POSITION_ERROR]
     rotation_error = work.vectors[rows.ROTATION_ERROR]
@@ -256,7 +261,7 @@ def _compute_rotation_error(
 
     The planned rotation at the start of the step is left in desired_rotation (3, 3).
     """
-    s, previous, fraction = step.index, max(step.index - 1, 0), step.elapsed
+    s, previous, fraction = step.planned_step, max(step.planned_step - 1, 0), step.elapsed
     for a in range(3):
         for b in range(3):
             desired_rotation[a, b] = (1 - fraction) * motion.rotation[

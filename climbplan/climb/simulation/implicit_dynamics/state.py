@@ -132,7 +132,7 @@ class SimulationState(NamedTuple):
 class TimeStep(NamedTuple):
     """A time step, which is a part of a planned step."""
 
-    index: int  # of the planned step
+    planned_step: int
     elapsed: float  # fraction of the planned step that is done before
     fraction: float  # of the planned step
     span: float  # [s]

@@ -24,7 +24,7 @@ def test_a_walk_by_methods_of_the_table(method: str) -> None:
     names = {block.name for block in report.blocks}
     # The statement's blocks, and those of the checker of walks under the same names
     assert {"dynamics", "force.friction", "workspace.over_stance"} <= names
-    assert {"own.dynamics.attitude", "own.force.friction", "own.workspace.whole_stance"} <= names
+    assert {"own.dynamics.attitude", "own.force.friction", "own.workspace.over_stance"} <= names
     assert report.passed(1e-6)
 
 
@@ -60,7 +60,7 @@ def test_a_climb_with_exact_rotations_up_a_tube() -> None:
     )
     free = climbplan.solve(problem, theta, method="nlp")
     names = {block.name for block in free.check().blocks}
-    assert {"body.clearance", "own.body.clearance", "own.kinematics.toes"} <= names
+    assert {"body.clearance", "own.body.clearance", "own.kinematics.forward"} <= names
     assert free.check().passed(1e-6)
     lowest = float(free["com4"][2]) + 0.01
     com = problem.program.affine("com4")

@@ -114,7 +114,7 @@ def test_models_that_do_not_fit_are_refused(
 ) -> None:
     given = ("--set", f"solver.model.file={models['knn']}", "-o", "out")
     for more, word in (
-        (("--method", "forest"), "a model of kind 'knn', method is 'forest'"),
+        (("--method", "forest"), "expected a model for method 'forest', got one of kind 'knn'"),
         (("--method", "knn", "--set", "shelf.right_mm=90"), "made for a shelf whose right"),
         (("--method", "knn", "--set", "formulation=published"), "made for formulation 'contact'"),
     ):

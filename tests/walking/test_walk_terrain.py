@@ -237,7 +237,7 @@ def test_toes_keep_away_from_edges() -> None:
     again = read_facts(build_facts(strict)).ground
     assert again.edge == 0.012
     wide = {"regions": [{"name": "beam", "x": [0, 2], "y": [0, 0.1]}], "edge": 0.06}
-    with pytest.raises(ValidationError, match="no room within"):
+    with pytest.raises(ValidationError, match="expected a region wider than twice"):
         MpcSpec.model_validate({"kind": "mpc", "terrain": wide})
 
 

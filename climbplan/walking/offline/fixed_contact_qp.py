@@ -6,7 +6,6 @@
 Unknowns z are the forces of standing legs and the free footholds; states are eliminated
 (condensing, Bock and Plitt 1984). The pyramids are inscribed in the cones. What a gait alone
 decides is computed once; compiled code writes the numbers of each linearisation into reused arrays.
-
 Equation numbers are those of X. Lin (UCLA 2022).
 """
 

@@ -118,7 +118,7 @@ def test_what_fresh_worlds_fell_is_planned_again_and_judged_in_others(
     judged: list[tuple[int, int]] = []
 
     def judge(
-        plan: ClimbPlan, base: Conditions, engine: str, worlds: int, seed: int, *rest: object
+        plan: ClimbPlan, base: Conditions, engine: str, worlds: int, seed: int, **_: object
     ) -> RiskEstimate:
         """Falls in 12 of many worlds, of plans that are not asked for more than stated."""
         judged.append((worlds, seed))
@@ -175,7 +175,7 @@ def test_where_margins_do_not_help_limbs_move_in_other_orders(
     few(monkeypatch)
 
     def judge(
-        plan: ClimbPlan, base: Conditions, engine: str, worlds: int, seed: int, *rest: object
+        plan: ClimbPlan, base: Conditions, engine: str, worlds: int, seed: int, **_: object
     ) -> RiskEstimate:
         """All stand whose middle limbs move first."""
         falls = 0 if "RM, LM" in plan.spec_text.replace("'", "").split("gait")[-1][:12] else worlds
@@ -218,7 +218,7 @@ def test_files_keep_the_promise_and_verify_recomputes_its_interval(
     assert any("none were played" in words for words in verify_plan(silent).fragile)
     with h5py.File(path, "r+") as file:
         file.attrs["risk"] = file.attrs["risk"].replace('"falls": ', '"falls": -1')
-    with pytest.raises(PlanFileError, match="no promise"):
+    with pytest.raises(PlanFileError, match="attribute risk is damaged"):
         read_climb(path)
 
 

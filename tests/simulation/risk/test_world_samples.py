@@ -84,7 +84,7 @@ def test_worlds_are_judged_where_an_uncertainty_is_stated(monkeypatch: pytest.Mo
     assert run_planner(load_text(SHORT_CLIMB, "short", [])).summary
     seen: list[tuple[object, ...]] = []
 
-    def count(plan: ClimbPlan, *args: object) -> RiskEstimate:
+    def count(plan: ClimbPlan, *args: object, **_: object) -> RiskEstimate:
         seen.append(args[1:4])
         return judged(plan, 80, 200)
 
@@ -136,7 +136,7 @@ def test_what_is_needed_was_played(planned: Planned, monkeypatch: pytest.MonkeyP
     plan = planned()
 
     def count(
-        plan: ClimbPlan, *args: object, uncertainty: Uncertainty | None = None
+        plan: ClimbPlan, *args: object, uncertainty: Uncertainty | None = None, **_: object
     ) -> RiskEstimate:
         few = uncertainty is not None and uncertainty.friction.high == 0.1
         return judged(plan, 2 if few else 30, 100)

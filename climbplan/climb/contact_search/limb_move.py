@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.climb.clearance.body import compute_poses_shortfall
-from climbplan.climb.clearance.limb_pairs import find_standing_overlap
+from climbplan.climb.clearance.limb_pairs import compute_self_shortfall, find_standing_overlap
 from climbplan.climb.clearance.limbs import INTERPOLATION_MARGIN, find_closest_link
 from climbplan.climb.clearance.raw_surface import THE_SCAN, ToeContacts, find_nearest_raw
 from climbplan.climb.clearance.swing import LimbSwing, plan_swing_path
@@ -43,7 +43,7 @@ class Standing:
     region: IntArray  # (N,)
 
     def replace_toe(self, limb: int, foothold: Foothold) -> Standing:
-        """Return the same with one toe on another foothold."""
+        """Return the robot with one toe on another foothold."""
         toes, region = self.toes.copy(), self.region.copy()
         toes[limb], region[limb] = foothold.point, foothold.region
         return replace(self, toes=toes, region=region)
@@ -144,7 +144,8 @@ class MoveChecker:
         """Check the way of the body to a pose while all limbs stand.
 
         Raises:
-            MoveRejected: A limb does not reach, or something is too close to the terrain.
+            MoveRejected: A limb does not reach, links overlap, or something is too close to the
+                terrain.
         """
         scene = self.scene
         fraction = np.linspace(0.0, 1.0, _NUM_POSES)[:, None]
@@ -160,6 +161,9 @@ class MoveChecker:
         if body > _TOLERANCE:
             raise MoveRejected(f"the body comes {1e3 * body:.1f} mm too close to the terrain")
         links = limb_capsules(scene.robot, solution.best())
+        overlap = compute_self_shortfall(scene.robot, links)
+        if overlap.missing > _TOLERANCE:
+            raise MoveRejected(overlap.describe(scene.robot))
         links = links.to_world(com, rotation_world_body(rpy))
         if scene.terrain.scan is not None:
             contacts = ToeContacts(toes[..., None, :], normals[..., None, :])

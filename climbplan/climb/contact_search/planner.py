@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NoReturn
 
 import numpy as np
 
@@ -58,7 +59,7 @@ def plan_by_contact_search(
     return WindowedMotion(whole_scene, SupportedMotion(motion, forces))
 
 
-def _raise_failure(result: SearchResult, length: float) -> None:
+def _raise_failure(result: SearchResult, length: float) -> NoReturn:
     """Raise the error of a search that did not reach the goal."""
     covered = result.rounds[-1].covered
     message = (

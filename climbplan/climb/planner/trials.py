@@ -42,7 +42,12 @@ _WINDOWS = MethodVariant("windows", "auto")  # each by the first method that has
 
 
 def select_first_trial(scene: ClimbScene) -> MethodVariant:
-    """Return the global method where it can state the climb, else the one with exact rotations."""
+    """Return the method that is tried first.
+
+    Long ways (`rounds: auto`, or a window) are planned by the contact search on ground, elsewhere
+    in windows. All others by the global method where it can state the climb, else by the one with
+    exact rotations.
+    """
     if select_window(scene) is not None:
         return (
             _SEARCH

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 
 from markdown_table import wrapped_table
-from reference_names import declare
+from name_declarations import declare
 
 import climbplan
 from climbplan import errors

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from cards import Card, join_links, write_cards, write_film
-from reference_names import declare
+from name_declarations import declare
 
 COMMANDS = {
     "climb": "plan-climb",

@@ -1,39 +1,18 @@
 """Sphinx domain of names that readers type into the search: spec keys, checks, solvers, scenes.
 
-A generated page declares a name where it explains it, with a role such as
-`{spec:key}` and the text `min_normal_force <climb.force.min_normal_force>`. The search then lists
-the name itself, with a link to its row, and not only the page that holds it.
+Generated pages declare the names (`name_declarations`). The search then lists the name itself, with
+a link to its row, and not only the page that holds it.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Set
 from typing import Any, ClassVar
 
 from docutils import nodes
+from name_declarations import KINDS, TITLED, make_anchor
 from sphinx.domains import Domain, ObjType
 from sphinx.util.docutils import ReferenceRole
-
-KINDS = {
-    "key": "spec key",
-    "check": "check",
-    "solver": "solver",
-    "scene": "shipped scene",
-    "robot": "robot",
-}
-TITLED = ("scene", "robot")  # shown by a title instead of the name
-
-
-def make_anchor(kind: str, name: str) -> str:
-    """Return the anchor of a name on its page; the first part of a key names the page."""
-    local_name = name.partition(".")[2] if kind == "key" else name
-    return f"{kind}-" + re.sub(r"[^\w-]+", "-", local_name).strip("-")
-
-
-def declare(kind: str, name: str, shown: str = "") -> str:
-    """Return the Markdown that declares a name and shows it, or another text, as code."""
-    return f"{{spec:{kind}}}`{shown or name} <{name}>`"
 
 
 class DeclarationRole(ReferenceRole):

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cards import Card, write_cards
-from reference_names import declare
+from name_declarations import declare
 
 PACKAGE = "example-robot-data"
 # What each column of the record is, in words for a card

@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from markdown_table import wrapped_table
-from reference_names import declare
+from name_declarations import declare
 
 Schema = Mapping[str, Any]
 Places = Mapping[str, list[str]]  # of each section, by its name in the schema

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 import logging
-from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -32,12 +31,12 @@ from climbplan.scan.body_holds import (
     format_body_summary,
 )
 from climbplan.scan.contact_regions import FoundRegion, find_contact_regions
+from climbplan.scan.file_cache import load_scan
 from climbplan.scan.free_space import ConvexFreeRegion, inflate_free_space, split_path
 from climbplan.scan.holds import Grasping, find_wall_holds
 from climbplan.scan.orienting import orient_to_free_space
 from climbplan.scan.panel import build_panel, format_wall_summary
 from climbplan.scan.raw import RawScan, ScanError, select_within_box
-from climbplan.scan.reading import read_scan
 from climbplan.schema.overrides import Override
 from climbplan.schema.terrain.scan import ScanHoldsSpec, ScanSpec
 from climbplan.terrain.raw_surface import RawSurface
@@ -131,7 +130,7 @@ def _add_holds(
         opening = robot.gripper.finger_span
     grasping = Grasping(opening, holds_spec.depth, holds_spec.steepest_back_deg)
     try:
-        raw = orient_to_free_space(_load_scan(scan, loaded.directory), guide[0])
+        raw = orient_to_free_space(load_scan(scan, loaded.directory), guide[0])
         _log_notes(raw)
         if find_closed_bodies(raw).any():
             return _add_body_holds(loaded, scan, raw, grasping, robot)
@@ -189,7 +188,7 @@ def build_raw_surface(spec: MotionSpec, directory: Path, robot: Robot) -> RawSur
 
 def crop_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> RawScan:
     """Return the part of a scan within reach of the path (P, 3), facing the path's free space."""
-    full_scan = _load_scan(scan, directory)
+    full_scan = load_scan(scan, directory)
     oriented = orient_to_free_space(full_scan, guide[0])
     margin = compute_max_toe_distance(robot) + _REACH_EXTENSION
     raw = select_within_box(oriented, guide.min(axis=0) - margin, guide.max(axis=0) + margin)
@@ -206,29 +205,6 @@ def crop_scan(scan: ScanSpec, directory: Path, guide: Array, robot: Robot) -> Ra
             f"the robot reaches {compute_max_toe_distance(robot):.2f} m{unit}"
         )
     return raw
-
-
-def _load_scan(scan: ScanSpec, directory: Path) -> RawScan:
-    """Return a whole scan, repaired; it is read once."""
-    text = scan.model_dump_json(
-        exclude={"fit", "flatness", "min_size", "toe_radius", "guide", "steepest_deg", "holds"}
-    )
-    return _read_cached_scan(text, directory, _compute_file_stamp(directory / scan.file))
-
-
-@lru_cache(maxsize=4)
-def _read_cached_scan(scan: str, directory: Path, stamp: tuple[int, ...]) -> RawScan:
-    """Read a scan; the stamp of its file is part of the cache's key."""
-    return read_scan(ScanSpec.model_validate_json(scan), directory)
-
-
-def _compute_file_stamp(path: Path) -> tuple[int, ...]:
-    """Return modification time and size of a file; () if it does not exist."""
-    try:
-        status = path.stat()
-    except OSError:
-        return ()
-    return (status.st_mtime_ns, status.st_size)
 
 
 def _log_notes(raw: RawScan) -> None:

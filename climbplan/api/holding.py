@@ -55,6 +55,7 @@ def match_spec_to_plan(path: Path, loaded: object, option: str) -> HeldSpec:
     from climbplan.schema.holding import compare_specs
     from climbplan.schema.loaded import LoadedSpec
     from climbplan.store.spec_text import read_spec_text
+    from climbplan.walking.schema.loading import LoadedMpc
 
     kind = require_verifiable(path, option)
     spec_kind = str(vars(vars(loaded).get("spec", loaded))["kind"])
@@ -66,4 +67,8 @@ def match_spec_to_plan(path: Path, loaded: object, option: str) -> HeldSpec:
         loaded = apply_scan(resolve_start_plan(loaded))
     elif isinstance(loaded, LoadedTransition):
         loaded = apply_scan(loaded)
+    elif isinstance(loaded, LoadedMpc) and loaded.spec.terrain.scan is not None:
+        from climbplan.walking.problem.scanning import fit_walk_scan
+
+        loaded = fit_walk_scan(loaded)
     return compare_specs(loaded, vars(loaded)["spec"], read_spec_text(path))

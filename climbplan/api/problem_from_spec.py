@@ -99,8 +99,11 @@ def _transition(loaded: LoadedTransition) -> ProblemAndParameters:
 def _walk(loaded: LoadedMpc) -> ProblemAndParameters:
     from climbplan.walking.offline.walk_problem import walk_problem
     from climbplan.walking.problem.problem import build_task
+    from climbplan.walking.problem.scanning import fit_walk_scan, load_walk_surface
 
-    task = build_task(loaded.spec, loaded.robot, loaded.source)
+    loaded = fit_walk_scan(loaded)
+    scan = load_walk_surface(loaded)
+    task = build_task(loaded.spec, loaded.robot, loaded.source, scan=scan)
     return walk_problem(task, loaded.spec.solver.initial_gait)
 
 

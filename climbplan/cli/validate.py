@@ -83,6 +83,10 @@ def _checked_kind(loaded: AnyLoaded) -> str:
 def _check_walk(loaded: LoadedMpc) -> None:
     from climbplan.walking.problem.problem import build_task
 
+    if loaded.spec.terrain.scan is not None:
+        from climbplan.walking.problem.scanning import fit_walk_scan
+
+        loaded = fit_walk_scan(loaded)
     with placed_mistakes(loaded):
         build_task(loaded.spec, loaded.robot, loaded.source)
 

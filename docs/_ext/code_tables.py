@@ -26,7 +26,7 @@ from climbplan.verification.check import (
     SHIFT_LIMITS,
     SOLE_LIMITS,
 )
-from climbplan.walking.check.checker import LEG_LIMITS, LOOP_LIMITS
+from climbplan.walking.check.checker import LEG_LIMITS, LOOP_LIMITS, SCANNED_LIMITS
 from climbplan.walking.check.checker import LIMITS as WALK
 from climbplan.walking.check.plan_checks import LIMITS as WALK_PLAN
 
@@ -80,7 +80,7 @@ def checks_page() -> str:
         | SCAN_LIMITS
         | FEET_LIMITS
         | SOLE_LIMITS,
-        "Walks": {**WALK_PLAN, **WALK, **LEG_LIMITS, **LOOP_LIMITS},
+        "Walks": {**WALK_PLAN, **WALK, **LEG_LIMITS, **SCANNED_LIMITS, **LOOP_LIMITS},
         "Modules": {**MODULES, **MASS_LIMITS},
         "Bookshelf": SHELF,
     }

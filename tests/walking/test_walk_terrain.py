@@ -20,7 +20,8 @@ from climbplan.walking.offline.nlp import solve_nlp
 from climbplan.walking.offline.search import SearchLimits, search
 from climbplan.walking.offline.sqp import build_iterate, solve_gait
 from climbplan.walking.planner.gaps import compute_max_toe_distance, find_widest_gap
-from climbplan.walking.problem.problem import build_ground, build_task, sample_stones
+from climbplan.walking.problem.problem import build_task
+from climbplan.walking.problem.regions import build_ground, sample_stones
 from climbplan.walking.schema.loading import load_body
 from climbplan.walking.schema.model import MpcSpec
 from climbplan.walking.schema.terrain import SteppingStonesSpec
@@ -324,9 +325,9 @@ def test_terrain_that_cannot_be(terrain: dict[str, Any], message: str) -> None:
         MpcSpec.model_validate({"kind": "mpc", "terrain": terrain})
 
 
-def test_methods_that_know_level_rectangles_say_so() -> None:
+def test_methods_that_know_level_regions_say_so() -> None:
     document = {"kind": "mpc", "terrain": RAMP, "solver": {"method": "spatial-branch-and-bound"}}
-    with pytest.raises(ValidationError, match="level rectangles"):
+    with pytest.raises(ValidationError, match="level regions"):
         MpcSpec.model_validate(document)
 
 

@@ -14,11 +14,17 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.terrain.raw_surface import RawSurface
 from climbplan.verification.check import Check, Limit, mark_unjudged
 from climbplan.walking.check.reference_dynamics import (
     integrate_continuously,
     integrate_knot,
     transform_toes_to_body,
+)
+from climbplan.walking.check.scan import (
+    compute_depth,
+    compute_stance_error,
+    compute_swing_deficit,
 )
 from climbplan.walking.check.speed import generate_speed_residuals
 from climbplan.walking.check.terrain import (
@@ -75,6 +81,15 @@ LEG_LIMITS = {  # of robots from URDFs, whose plans have joints
         1e-3, "m", "joints within their bounds get swinging toes along their ways"
     ),
     "speed.limit": Limit(1e-3, "rad/s", "joint speeds of standing and swinging legs within limits"),
+}
+SCANNED_LIMITS = {  # of walks on scanned terrain
+    "scan.toes": Limit(
+        1e-6, "m", "standing toes within `terrain.scan.flatness` of the raw surface, beyond it"
+    ),
+    "scan.swing": Limit(1e-6, "m", "swinging toes are lifted above the raw surface on their ways"),
+    "scan.penetration": Limit(
+        0.02, "m", "swinging toes are never in the raw surface, at every sample"
+    ),
 }
 LOOP_LIMITS = {
     "workspace.standing": Limit(
@@ -185,6 +200,11 @@ def _generate_loop_checks(
     yield build_worst_check(task, "contact.region", np.where(contact, region_error, 0.0))
     depth = np.maximum(compute_ground_height(task.ground, toes[..., :2]) - toes[..., 2], 0.0)
     yield build_worst_check(task, "swing.penetration", np.where(contact, 0.0, depth))
+    scan = task.ground.scan
+    if scan is not None:
+        yield _check_scanned_stance(task, trajectory, scan)
+        depth = np.where(contact, 0.0, compute_depth(toes, scan))
+        yield build_worst_check(task, "scan.penetration", depth)
     toes_in_box = transform_toes_to_body(state, toes)
     beyond = (np.abs(toes_in_box - task.body.toe_center) - task.body.toe_half).max(axis=-1)
     yield build_worst_check(task, "workspace.standing", np.where(contact, beyond, -1.0))
@@ -252,6 +272,8 @@ def _check_forces(task: WalkTask, trajectory: WalkTrajectory) -> Iterator[Check]
     # Friction cones are about the normals of their regions
     normal_force, tangential_force = split_force(task.ground, trajectory.gait.region, force)
     max_tangential = task.ground.friction * normal_force
+    if task.ground.region_friction.size:
+        max_tangential = task.ground.region_friction[trajectory.gait.region] * normal_force
     used_fraction = np.where(size > 1e-3, tangential_force / np.maximum(max_tangential, 1e-9), 0.0)
     # A negative normal force pulls at the ground.
     yield build_worst_check(
@@ -293,6 +315,11 @@ def _check_feet(
     yield build_worst_check(
         task, "swing.clearance", np.where(swinging, np.maximum(missing_height, 0.0), 0.0)
     )
+    scan = task.ground.scan
+    if scan is not None:
+        yield _check_scanned_stance(task, trajectory, scan)
+        deficit = compute_swing_deficit(task, trajectory, scan)
+        yield build_worst_check(task, "scan.swing", deficit)
     toes_in_box = transform_toes_to_body(trajectory.state, toes)
     if task.workspace_over_stance or include_unjudged:
         after = transform_toes_to_body(trajectory.state[1:], toes[:-1])
@@ -314,6 +341,12 @@ def _check_feet(
     yield build_worst_check(
         task, "workspace.toe", np.where(is_counted, max_violation, -1.0), used_fraction
     )
+
+
+def _check_scanned_stance(task: WalkTask, trajectory: WalkTrajectory, scan: RawSurface) -> Check:
+    """Return the check of standing toes against the raw surface of a scan."""
+    distance = compute_stance_error(task, trajectory, scan)
+    return build_worst_check(task, "scan.toes", distance - scan.flatness, distance / scan.flatness)
 
 
 def build_worst_check(
@@ -343,7 +376,7 @@ def build_worst_check(
 
 def build_check(name: str, residual: float) -> Check:
     """Return a check by its name in `LIMITS`; NaN never passes."""
-    limit = (LIMITS | LEG_LIMITS | LOOP_LIMITS)[name]
+    limit = (LIMITS | LEG_LIMITS | SCANNED_LIMITS | LOOP_LIMITS)[name]
     residual = float(residual) + 0.0
     if math.isnan(residual):
         residual = math.inf

@@ -15,10 +15,13 @@ from climbplan.errors import MissingSolver, SpecError
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.holding import HeldSpec
 from climbplan.schema.kinds import validate
+from climbplan.schema.terrain.scan import ScanSpec
 from climbplan.schema.yaml_source import parse_yaml
+from climbplan.terrain.raw_surface import RawSurface
 from climbplan.verification.check import Check, Limit, mark_not_compared
 from climbplan.verification.held import check_spec_differences
 from climbplan.walking.check.checker import check_loop, check_trajectory
+from climbplan.walking.plan.axes import orient_task
 from climbplan.walking.plan.foot_centres import raise_task
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.problem.problem import build_sampled_task, build_task
@@ -127,6 +130,7 @@ def _check_spec_values(plan: WalkPlan) -> Check:
         # Plan files without a standoff have the centres of feet on the ground
         standoff = plan.task.ground.standoff
         task = raise_task(build_task(spec, robot, centres=standoff > 0), standoff)
+        task = orient_task(task, spec.forward)
     except MissingSolver as reason:
         reason_text = f"{reason}: robot and task are taken from the plan file"
         return mark_not_compared(
@@ -137,6 +141,8 @@ def _check_spec_values(plan: WalkPlan) -> Check:
     differences = {
         "seed": 0.0 if plan.seed == spec.seed else math.inf,
         "solver.method": 0.0 if plan.method == spec.solver.method else math.inf,
+        "forward": 0.0 if plan.forward == spec.forward else math.inf,
+        "terrain.scan": _compare_scans(plan.task.ground.scan, spec.terrain.scan),
     }
     if plan.loop is not None:
         task = build_sampled_task(task, plan.task.knots)
@@ -150,7 +156,7 @@ def _compare_tasks(stored: WalkTask, expected: WalkTask) -> dict[str, float]:
     differences = {}
     for holder in ("body", "ground", "start", "reference", "weights", "goal"):
         stored_part, expected_part = vars(stored)[holder], vars(expected)[holder]
-        for name in (field.name for field in fields(stored_part)):
+        for name in (field.name for field in fields(stored_part) if field.name != "scan"):
             differences[f"{holder}.{name}"] = _compute_difference(
                 getattr(stored_part, name), getattr(expected_part, name)
             )
@@ -165,6 +171,13 @@ def _compare_tasks(stored: WalkTask, expected: WalkTask) -> dict[str, float]:
     ):
         differences[name] = _compute_difference(vars(stored)[name], vars(expected)[name])
     return differences
+
+
+def _compare_scans(stored: RawSurface | None, spec: ScanSpec | None) -> float:
+    """Return the largest difference of the numbers of a scan; infinite if only one has a scan."""
+    if stored is None or spec is None:
+        return 0.0 if stored is None and spec is None else math.inf
+    return abs(stored.flatness - spec.flatness)
 
 
 def _compare_legs(stored: WalkingLegs | None, expected: WalkingLegs | None) -> dict[str, float]:

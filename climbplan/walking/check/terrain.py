@@ -39,7 +39,7 @@ def compute_region_error(
     Args:
         ground: The regions.
         region: Region of each toe (...).
-        toes: Toes (..., 3) [m].
+        toes: Toes (..., 3) [m]; the last axis but one is the legs'.
         is_given: Toes (...) whose place is given: the strips along edges count as well.
     """
     xy = toes[..., :2]
@@ -51,6 +51,8 @@ def compute_region_error(
     cross = side[..., 0] * offset[..., 1] - side[..., 1] * offset[..., 0]  # below zero: outside
     outside = np.where(length > 1e-9, -cross / np.maximum(length, 1e-9), -np.inf).max(axis=-1)
     result: Array = np.maximum(height_error, outside + np.where(is_given, 0.0, ground.edge))
+    if ground.allowed.size:  # by region and leg
+        result = np.where(ground.allowed[region, np.arange(region.shape[-1])], result, np.inf)
     return result
 
 

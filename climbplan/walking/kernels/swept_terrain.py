@@ -7,20 +7,42 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.walking.kernels.compiling import compiled
 from climbplan.walking.task.ground import RegionArrays
+from climbplan.walking.task.height_grid import HeightGrid
 
 _NOTHING = -1e30
 _TOUCHES = 1e-9  # [m], and of a path: terrain at its ends counts despite rounding
 
 
 @compiled
+def find_highest_cell(start: Array, end_point: Array, grid: HeightGrid) -> float:
+    """Return the highest cell of a grid beneath the straight path between two points (2,) [m].
+
+    Cells bound the surface of those around them, so that points half a cell apart miss none.
+    """
+    highest = _NOTHING
+    if grid.height.shape[0] == 0:
+        return highest
+    length = np.hypot(end_point[0] - start[0], end_point[1] - start[1])
+    count = int(np.ceil(2.0 * length / grid.cell)) + 1
+    for k in range(count + 1):
+        fraction = k / count
+        x = start[0] + fraction * (end_point[0] - start[0]) - grid.origin[0]
+        y = start[1] + fraction * (end_point[1] - start[1]) - grid.origin[1]
+        i, j = int(np.floor(x / grid.cell)), int(np.floor(y / grid.cell))
+        if 0 <= i < grid.height.shape[0] and 0 <= j < grid.height.shape[1]:
+            highest = max(highest, grid.height[i, j])
+    return highest
+
+
+@compiled
 def find_highest_terrain(start: Array, end_point: Array, terrain: RegionArrays) -> float:
     """Return the highest terrain beneath the straight path between two points (2,) [m].
 
-    It is far below everything where there is no terrain.
+    It is far below everything where there is no terrain. Of a scan it is an upper bound.
     """
+    highest = find_highest_cell(start, end_point, terrain.grid)
     lower, upper, sides = terrain.lower, terrain.upper, terrain.sides
     height, slope, inner = terrain.height, terrain.slope, terrain.inner
-    highest = _NOTHING
     for s in range(height.shape[0]):
         begin, end = 0.0, 1.0
         for k in range(2):

@@ -43,7 +43,7 @@ class ContactRows(RotationRows):
             knots = np.linspace(arm_low[0], arm_high[0], self.arm_pieces + 1)
             ends = [
                 (s, np.array([a, arm_low[1]]), np.array([b, arm_high[1]]))
-                for s in self.find_reachable_regions(n, arm_low, arm_high)
+                for s in self.find_reachable_regions(n, leg, arm_low, arm_high)
                 for a, b in itertools.pairwise(knots)
             ]
         forces = self.bounds.force_low[n, leg], self.bounds.force_high[n, leg]
@@ -158,29 +158,46 @@ class ContactRows(RotationRows):
             products.append((with_tangential, with_normal))
         return ArmPiece(region, low, high, indicator, arm, force, products[0], products[1])
 
-    def find_reachable_regions(self, n: int, arm_low: Array, arm_high: Array) -> list[int]:
-        """Return the regions that a toe with an arm (2,) in this range can be on."""
+    def find_reachable_regions(
+        self, n: int, leg: int, arm_low: Array, arm_high: Array
+    ) -> list[int]:
+        """Return a leg's own regions that its toe with an arm (2,) in this range can be on."""
         ground, axes = self.task.ground, self.rotations[n].heading_axes[:2, :2]
         middle = axes @ (0.5 * (arm_low + arm_high)[:2])
         half = np.abs(axes) @ (0.5 * (arm_high - arm_low)[:2])
         low, high = self.p_low[n, :2] + middle - half, self.p_high[n, :2] + middle + half
-        is_reachable = (ground.lower <= high).all(axis=1) & (ground.upper >= low).all(axis=1)
-        return [int(s) for s in np.flatnonzero(is_reachable)]
+        own = ground.list_regions(leg)
+        is_reachable = (ground.lower[own] <= high).all(axis=1) & (ground.upper[own] >= low).all(
+            axis=1
+        )
+        return [int(s) for s in own[is_reachable]]
 
     def add_region_rows(self, n: int, piece: ArmPiece, arm: tuple[LinExpr, LinExpr]) -> None:
         """Add rows that keep the toe on the region of a piece if that is selected (big-M)."""
         ground, name = self.task.ground, "contact.region"
         if len(ground.height) == 1:
             return
+        toes, lows, highs = [], [], []
         for k, offset in enumerate(self.rotate_to_world(n, arm)):
             toe, ends = offset + self.p[n][k], self.compute_interval(offset)
             lowest = self.p_low[n, k] + min(ends[0], 0.0)
             highest = self.p_high[n, k] + max(ends[1], 0.0)
+            toes.append(toe)
+            lows.append(lowest)
+            highs.append(highest)
             low, high = float(ground.lower[piece.region, k]), float(ground.upper[piece.region, k])
             if lowest < low:
                 self.model.add_nonnegative(name, toe - lowest - piece.indicator * (low - lowest))
             if highest > high:
                 self.model.add_nonnegative(name, highest - toe - piece.indicator * (highest - high))
+        for a, b, bound in ground.sides[piece.region].tolist():  # of polygons
+            furthest = sum(
+                max(factor * low, factor * high)
+                for factor, low, high in zip((a, b), lows, highs, strict=True)
+            )
+            if furthest > bound:
+                row = piece.indicator * (furthest - bound)
+                self.model.add_nonnegative(name, furthest - toes[0] * a - toes[1] * b - row)
 
     def add_no_slip_rows(
         self, n: int, current: tuple[ArmPiece, ...], following: tuple[ArmPiece, ...]

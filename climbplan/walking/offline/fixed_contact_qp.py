@@ -411,9 +411,11 @@ class FixedContactProgram:
             self.num_forces, FACETS, self.num_forces, 3
         )
         region_of_force = self.gait.region[self.stand_knot, self.stand_leg]
-        blocks[force_index, :, force_index] = (
-            _build_facets(self.task.ground.friction) @ self.task.ground.frame[region_of_force]
-        )
+        facets = _build_facets(self.task.ground.friction)
+        if self.task.ground.region_friction.size:
+            coefficients = self.task.ground.find_friction(region_of_force)
+            facets = np.array([_build_facets(float(mu)) for mu in coefficients])
+        blocks[force_index, :, force_index] = facets @ self.task.ground.frame[region_of_force]
         # Force limits, eq. (8.23), and regions, eq. (8.24)
         max_force = self.task.body.force_limit / self.force_scale
         ground, region = self.task.ground, self.footing.region

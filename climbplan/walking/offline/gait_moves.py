@@ -37,17 +37,22 @@ def list_contact_moves(contact: BoolArray) -> list[BoolArray]:
     return moves
 
 
-def generate_region_moves(gait: Gait, neighbours: Sequence[IntArray]) -> Iterator[Gait]:
+def generate_region_moves(
+    gait: Gait, neighbours: Sequence[IntArray], allowed: BoolArray | None = None
+) -> Iterator[Gait]:
     """Yield gaits with the same contacts and one stance phase on a neighbouring region.
 
     Args:
         gait: The gait.
         neighbours: Neighbouring regions, by region.
+        allowed: (S, L) leg may stand on region; empty or None: all may.
     """
     for n in range(1, len(gait.contact)):
         for leg in range(gait.contact.shape[1]):
             if gait.contact[n, leg] and not gait.contact[n - 1, leg]:
                 for region in neighbours[gait.region[n, leg]]:
+                    if allowed is not None and allowed.size and not allowed[region, leg]:
+                        continue
                     changed = gait.region.copy()
                     changed[n, leg] = region
                     yield build_gait(gait.contact, changed)

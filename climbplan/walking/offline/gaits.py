@@ -82,7 +82,12 @@ def find_regions_under(task: WalkTask, state: Array | None = None) -> IntArray:
     points = np.ascontiguousarray(centers.reshape(-1, 2))
     nearest = find_nearest_regions(points, ground.lower, ground.upper, ground.sides)
     region: IntArray = nearest.reshape(centers.shape[:-1])
-    region[0] = task.ground.nearest(task.start.toes[:, :2])
+    for leg in range(task.body.leg_count if ground.allowed.size else 0):
+        own = ground.list_regions(leg)
+        places = np.ascontiguousarray(centers[:, leg])
+        sides = ground.lower[own], ground.upper[own], ground.sides[own]
+        region[:, leg] = own[find_nearest_regions(places, *sides)]
+    region[0] = ground.find_start_regions(task.start.toes[:, :2])
     return region
 
 
@@ -108,14 +113,18 @@ def _select_reachable_regions(
             continue
         interval = np.arange(first, min(last + task.workspace_over_stance, task.knots) + 1)
         mean_center = middle[interval, leg, :2].mean(axis=0)
-        chosen[first, leg] = select_region(
+        footholds = ground.foothold_arrays
+        if ground.allowed.size:
+            footholds = ground.leg_foothold_arrays[leg]
+        nearest = select_region(
             mean_center,
             np.ascontiguousarray(motion[interval, POSITION]),
             R[interval],
             body.toe_center[leg],
             body.toe_half,
-            ground.foothold_arrays,
+            footholds,
         )
+        chosen[first, leg] = ground.list_regions(leg)[nearest] if ground.allowed.size else nearest
     return chosen
 
 

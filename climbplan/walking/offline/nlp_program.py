@@ -50,7 +50,7 @@ class NlpShape:
     center: tuple[float, ...]
     half: tuple[float, ...]
     force_limit: float
-    friction: float
+    friction: float  # zero: a parameter by leg and knot
     knots: int
     step: float
     mean: bool
@@ -72,7 +72,7 @@ class NlpShape:
             tuple(body.toe_center.ravel().tolist()),
             tuple(body.toe_half.tolist()),
             body.force_limit,
-            task.ground.friction,
+            0.0 if task.ground.region_friction.size else task.ground.friction,
             task.knots,
             task.dt,
             task.integrator == "mean",
@@ -140,6 +140,7 @@ class WalkNlp:
         # Rise of the regions of knots 1 to N, their planes' frames at knots 0 to N - 1, their sides
         self.rise = walk.parameter("rise", 2 * L, N) if shape.sloped else None
         self.frame = walk.parameter("frame", 9 * L, N) if shape.sloped else None
+        self.friction = None if shape.friction else walk.parameter("friction", L, N)
         self.side = walk.parameter("side", 3 * shape.sides * L, N) if shape.sides else None
         self.x = [start, *state]
         self.toes = [toes0, *(self._place_toes(n) for n in knots)]
@@ -200,7 +201,8 @@ class WalkNlp:
             fx, fy, fz = (self.force[n][3 * i + k] for k in range(3))
             c = self.contact[n][i]
             # Friction, eq. (8.18), as a pyramid inside the cone: smooth where forces vanish
-            slope = shape.friction * np.cos(np.pi / FACETS)
+            friction = shape.friction if self.friction is None else self.friction[i, n]
+            slope = friction * np.cos(np.pi / FACETS)
             along, across, pressed = fx, fy, fz
             if self.frame is not None:
                 axes = ca.reshape(self.frame[9 * i : 9 * i + 9, n], 3, 3).T
@@ -211,7 +213,8 @@ class WalkNlp:
                 walk.between("force.friction", tangent - slope * pressed, upper=0.0, unit="N")
             # No force on lifted legs, eq. (8.23)
             walk.between("force.without_contact", fz - shape.force_limit * c, upper=0.0, unit="N")
-            if shape.friction > 1 or shape.sloped:  # else within the pyramid already
+            is_within_pyramid = 0 < shape.friction <= 1 and not shape.sloped
+            if not is_within_pyramid:
                 for component in (fx, fy):
                     max_force = shape.force_limit * c
                     walk.between(
@@ -316,6 +319,8 @@ def build_parameters(task: WalkTask, gait: Gait, iterate: WalkIterate) -> dict[s
     if ground.slope.any():
         numbers["rise"] = slope.reshape(spread).T
         numbers["frame"] = ground.frame[gait.region[:-1]].reshape(task.knots, -1).T
+    if ground.region_friction.size:
+        numbers["friction"] = ground.find_friction(gait.region[:-1]).T
     if ground.corners.shape[1]:
         numbers["side"] = sides[region].reshape(task.knots, -1).T
     return numbers

@@ -314,7 +314,8 @@ class _IteratedLocalSearch:
             contact = moves[k]
             if has_enough_contacts(self.task, contact):
                 yield self.place_gait(gait, contact)
-        yield from generate_region_moves(gait, self.neighbour_regions)
+        allowed = self.task.ground.allowed
+        yield from generate_region_moves(gait, self.neighbour_regions, allowed)
 
     def place_gait(self, gait: Gait, contact: BoolArray) -> Gait:
         """Return a gait with these contacts, on the regions under the best motion.

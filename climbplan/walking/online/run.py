@@ -50,9 +50,12 @@ from climbplan.walking.online.library import (
 )
 from climbplan.walking.online.section_ranking import train_section_ranking
 from climbplan.walking.online.state_feedback import StateNoise
+from climbplan.walking.plan.axes import orient_plan
 from climbplan.walking.plan.foot_centres import raise_plan
 from climbplan.walking.plan.walk_plan import LoopRecord, WalkPlan
 from climbplan.walking.problem.problem import build_sampled_task, build_task
+from climbplan.walking.problem.scanning import fit_walk_scan, load_walk_surface
+from climbplan.walking.problem.spec_axes import convert_to_walking_axes
 from climbplan.walking.published.program import TOLERANCE
 from climbplan.walking.schema.loading import LoadedMpc
 from climbplan.walking.schema.loop import WalkLoopSpec
@@ -125,8 +128,9 @@ def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
         UsageError, PlanFileError: a library that cannot be used.
     """
     report = report or _ignore_progress
-    spec = loaded.spec
-    task = build_task(spec, loaded.robot, loaded.source)
+    loaded = fit_walk_scan(loaded)
+    spec, scan = loaded.spec, load_walk_surface(loaded)
+    task = build_task(spec, loaded.robot, loaded.source, scan=scan)
     key = compute_library_key(task)
     report("compile", 0.0)
     warm_up(task)
@@ -144,13 +148,14 @@ def run_online(loaded: LoadedMpc, report: Progress | None = None) -> OnlineRun:
             controller,
             task,
             spec.loop.duration,
-            build_scenario(spec.loop, task),
+            build_scenario(convert_to_walking_axes(spec).loop, task),
             seed=spec.seed,
             report=lambda fraction: report("walk", fraction),
             deadline=deadline,
         )
     walked = time.perf_counter()
     plan = raise_plan(_build_plan(loaded, task, library, loop, ready - begin, walked - ready))
+    plan = orient_plan(plan, spec.forward)
     return OnlineRun(plan, library, key)
 
 
@@ -241,6 +246,9 @@ def read_stored_library(path: Path, key: str) -> SectionLibrary:
     return read_library(path, key)
 
 
+_PLACEMENT = ("slope", "corners", "edge", "standoff", "region_friction", "allowed", "scan")
+
+
 def compute_library_key(task: WalkTask) -> str:
     """Return a key, equal for tasks that differ only in start and placement of the terrain."""
     digest = hashlib.sha256()
@@ -248,7 +256,7 @@ def compute_library_key(task: WalkTask) -> str:
     for holder in (horizon.body, horizon.ground, horizon.reference, horizon.weights):
         for field in fields(holder):
             value = getattr(holder, field.name)
-            if holder is horizon.ground and field.name in ("slope", "corners", "edge", "standoff"):
+            if holder is horizon.ground and field.name in _PLACEMENT:
                 continue  # constant, because libraries are built on flat ground
             digest.update(repr(value.tolist() if isinstance(value, np.ndarray) else value).encode())
     scalars = (

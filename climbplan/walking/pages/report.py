@@ -21,7 +21,7 @@ from climbplan.reports.plan_report import FigureOf, PlanReport
 from climbplan.reports.report_files import replace_non_finite
 from climbplan.reports.scene_replay import build_scene_replay
 from climbplan.verification.verification import Verification
-from climbplan.walking.check.checker import LEG_LIMITS, LIMITS, LOOP_LIMITS
+from climbplan.walking.check.checker import LEG_LIMITS, LIMITS, LOOP_LIMITS, SCANNED_LIMITS
 from climbplan.walking.check.plan_checks import LIMITS as FILE_LIMITS
 from climbplan.walking.check.verification import verify
 from climbplan.walking.online.closed_loop import (
@@ -173,7 +173,9 @@ def _render_page(plan: WalkPlan, report: Mapping[str, Any], images: Mapping[str,
     """Return the HTML page."""
     meanings = {
         name: limit.meaning
-        for name, limit in (LIMITS | LEG_LIMITS | LOOP_LIMITS | FILE_LIMITS).items()
+        for name, limit in (
+            LIMITS | LEG_LIMITS | SCANNED_LIMITS | LOOP_LIMITS | FILE_LIMITS
+        ).items()
     }
     origin = build_origin_rows(
         report, {"Method": report["method"], "Integrator": report["integrator"]}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_args
 
 import h5py
 import numpy as np
@@ -21,7 +21,7 @@ from climbplan.store.root_attributes import (
 )
 from climbplan.walking.plan.answer import Improvement
 from climbplan.walking.plan.task_file import START, read_task, write_task
-from climbplan.walking.plan.walk_plan import STATUSES, LoopRecord, WalkPlan
+from climbplan.walking.plan.walk_plan import STATUSES, Forward, LoopRecord, WalkPlan
 from climbplan.walking.task.task import (
     ANGLES,
     POSITION,
@@ -65,8 +65,12 @@ LOOP = {
 BEGUN = DatasetLayout(("T", STATE), "m, m/s, rad, rad/s", "world, as com, velocity, euler_zyx, ...")
 _TEXTS = DatasetLayout(("*",), kind="text")
 _DEFAULT_SAMPLES = 16  # in an interval, for files without the attribute
+_AXES = {
+    "x": "body frame x forward, y left, z up; world frame z up",
+    "y": "body frame x forward, y left, z up; world frame x right, y forward, z up, as in climbs: "
+    "a body that faces forward has a yaw of pi / 2",
+}
 _NOTES = {
-    "axes": "body frame x forward, y left, z up; world frame z up",
     "force_is": "constant from sample n to n + 1; zeros at the last",
     "contact_is": "whether the leg stands from sample n to n + 1",
     "reference_is": "of samples 1 to T - 1; that of sample 0 repeats sample 1",
@@ -149,7 +153,13 @@ def _write_header(file: h5py.File, plan: WalkPlan) -> None:
         plan,
         FORMAT,
         FORMAT_VERSION,
-        texts={"status": plan.status, **texts, **_NOTES},
+        texts={
+            "status": plan.status,
+            **texts,
+            "axes": _AXES[plan.forward],
+            "forward": plan.forward,
+            **_NOTES,
+        },
         numbers={
             "objective": plan.objective,
             "bound": plan.bound,
@@ -184,6 +194,9 @@ def _read_plan(reader: Reader) -> WalkPlan:
         Gait(datasets["contact"], region),
     )
     online = task.integrator == "rk4"
+    forward = reader.text("", "forward") if reader.has_attribute("", "forward") else "x"
+    if forward not in get_args(Forward):
+        raise reader.refuse(f"forward is {forward!r}, expected x or y")
     times = task.dt * np.arange(len(datasets["time"]))
     history = reader.datasets("history", HISTORY)
     return WalkPlan(
@@ -194,6 +207,7 @@ def _read_plan(reader: Reader) -> WalkPlan:
         trajectory=trajectory,
         objective=reader.number("", "objective"),
         terms=reader.figures("terms"),
+        forward=cast("Forward", forward),
         robot_text=_read_robot_text(reader, "source"),
         robot_urdf=_read_robot_text(reader, "urdf"),
         history=tuple(

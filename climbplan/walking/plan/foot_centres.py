@@ -14,7 +14,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.walking.plan.walk_plan import WalkPlan
-from climbplan.walking.task.ground import Ground
+from climbplan.walking.task.ground import Ground, raise_scan
 from climbplan.walking.task.task import POSITION, WalkTask
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -34,14 +34,21 @@ def shift_to_foot_centres(ground: Ground, radius: float) -> Ground:
 def restore_surface(ground: Ground) -> Ground:
     """Return the surface that feet touch, from the planes of raised foot centres."""
     below = ground.standoff * compute_steepness(ground.slope)
-    return replace(ground, height=ground.height - below, standoff=0.0)
+    lowered = _raise_ground(ground, -ground.standoff)
+    return replace(lowered, height=ground.height - below, standoff=0.0)
+
+
+def _raise_ground(ground: Ground, rise: float) -> Ground:
+    """Return the planes raised [m], with the raw surface of a scan."""
+    scan = None if ground.scan is None else raise_scan(ground.scan, rise)
+    return replace(ground, height=ground.height + rise, scan=scan)
 
 
 def raise_task(task: WalkTask, rise: float) -> WalkTask:
     """Return a task with terrain, start and heights raised [m]."""
     return replace(
         task,
-        ground=replace(task.ground, height=task.ground.height + rise),
+        ground=_raise_ground(task.ground, rise),
         start=replace(
             task.start,
             state=_raise_states(task.start.state, rise),

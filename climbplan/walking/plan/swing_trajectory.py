@@ -14,6 +14,7 @@ import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.walking.task.ground import Ground
+from climbplan.walking.task.height_grid import find_highest_near
 
 _VERTICAL_FRACTIONS = (0.0, 0.1, 0.2, 0.3)  # fractions of a swing, vertical alone
 _NUM_SAMPLES = 33  # of a swing, for clearance
@@ -86,7 +87,7 @@ def choose_vertical_fractions(
         apex_height: height of the middle above the straight line [m].
         foot_radius: radius of the foot, 0 for a point [m].
     """
-    if ground.count == 1:
+    if ground.count == 1 and ground.scan is None:
         return 0.0, 0.0
     fraction = np.linspace(0.0, 1.0, _NUM_SAMPLES)
     height = (
@@ -106,6 +107,9 @@ def choose_vertical_fractions(
             off = ground.compute_distance_outside(every, spots[:, None])  # (K, S)
             level = ground.compute_height(every, spots[:, None])
             beneath = np.where(off < foot_radius - _CLEARANCE_TOLERANCE, level, -np.inf).max(axis=1)
+            if ground.scan is not None:
+                raw = find_highest_near(ground.height_grid, spots, foot_radius)
+                beneath = np.maximum(beneath, raw)
             if (height[half] >= beneath - _CLEARANCE_TOLERANCE).all():
                 chosen[end] = candidate
                 break

@@ -12,7 +12,8 @@ from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.store.hdf5_layout import DatasetLayout
 from climbplan.store.hdf5_reading import Reader
 from climbplan.store.hdf5_writing import write_dataset, write_datasets, write_text
-from climbplan.walking.task.ground import Ground
+from climbplan.terrain.raw_surface import RawSurface
+from climbplan.walking.task.ground import Ground, raise_scan
 from climbplan.walking.task.task import (
     Goal,
     Integrator,
@@ -42,6 +43,15 @@ SHAPES = {  # of grounds that are not level rectangles, C corners
     "slope": DatasetLayout(("S", 2), "", "rise along x and y of the world"),
     "corners": DatasetLayout(("S", "C", 2), "m", "world"),
 }
+PERMISSIONS = {  # of grounds whose regions differ in friction, or are not for all legs
+    "region_friction": DatasetLayout(("S",)),
+    "allowed": DatasetLayout(("S", "L"), kind="bool"),
+}
+SCAN = {  # raw surface, in the group `ground/scan` with attributes `flatness` and `toe_radius` [m]
+    "vertices": DatasetLayout(("*", 3), "m", "world"),
+    "triangles": DatasetLayout(("*", 3), kind="int"),
+}
+_SCAN_NUMBERS = ("flatness", "toe_radius")
 START = {
     "state": DatasetLayout((12,), "m, m/s, rad, rad/s", "world"),
     "toes": DatasetLayout(("L", 3), "m", "world"),
@@ -99,6 +109,14 @@ def write_task(file: h5py.File, task: WalkTask) -> None:
             ground.attrs[name] = vars(task.ground)[name]
     if task.ground.slope.any() or task.ground.corners.size:
         write_datasets(ground, SHAPES, vars(task.ground))
+    for name, layout in PERMISSIONS.items():
+        if vars(task.ground)[name].size:
+            write_dataset(ground, name, vars(task.ground)[name], layout)
+    if task.ground.scan is not None:
+        scan = raise_scan(task.ground.scan, -task.ground.standoff)
+        write_datasets(ground.create_group("scan"), SCAN, vars(scan))
+        for name in _SCAN_NUMBERS:
+            ground["scan"].attrs[name] = float(vars(scan)[name])
     start = file.create_group("start")
     write_datasets(start, START, vars(task.start))
     if task.goal.is_set:
@@ -167,12 +185,21 @@ def _read_ground(reader: Reader) -> Ground:
         raise reader.refuse("ground has no region")
     ground["slope"], ground["corners"] = np.zeros((count, 2)), np.zeros((count, 0, 2))
     ground |= reader.datasets("ground", SHAPES, optional=True)
+    ground |= reader.datasets("ground", PERMISSIONS, optional=True)
     edge, standoff = (
         reader.number("ground", name) if reader.has_attribute("ground", name) else 0.0
         for name in ("edge", "standoff")
     )
     friction = reader.number("robot", "friction")
-    return Ground(friction=friction, edge=edge, standoff=standoff, **ground)
+    scan = None
+    if reader.has("ground/scan"):
+        fields: dict[str, Any] = reader.datasets("ground/scan", SCAN)
+        corners, count = fields["triangles"], len(fields["vertices"])
+        if not len(corners) or corners.min() < 0 or corners.max() >= count:
+            raise reader.refuse("ground/scan/triangles is empty, or names a missing corner")
+        fields |= {name: reader.number("ground/scan", name) for name in _SCAN_NUMBERS}
+        scan = raise_scan(RawSurface(**fields), standoff)
+    return Ground(friction=friction, edge=edge, standoff=standoff, scan=scan, **ground)
 
 
 def _read_legs(reader: Reader) -> WalkingLegs:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
 from climbplan.arrays import Array, IntArray
 from climbplan.store.root_attributes import PlanHeader
 from climbplan.walking.plan.answer import Improvement
 from climbplan.walking.task.task import WalkTask, WalkTrajectory
+
+Forward = Literal["x", "y"]
 
 
 @dataclass(frozen=True)
@@ -49,3 +52,4 @@ class WalkPlan(PlanHeader):
     gap: float | None = None
     robot_text: str = ""  # of the robot's file; empty for a built-in one
     robot_urdf: str = ""  # of the URDF that it names
+    forward: Forward = "x"  # axis of the world that points forward; y: axes of climbs

@@ -15,11 +15,13 @@ from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.check.speed import compute_leg_speeds
 from climbplan.walking.dynamics.cost import compute_cost_terms
 from climbplan.walking.plan.answer import WalkAnswer
+from climbplan.walking.plan.axes import orient_plan
 from climbplan.walking.plan.foot_centres import raise_plan
 from climbplan.walking.plan.summary import format_summary
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.planner.gaps import Gap, find_widest_gap
 from climbplan.walking.problem.problem import build_task
+from climbplan.walking.problem.scanning import fit_walk_scan, load_walk_surface
 from climbplan.walking.schema.loading import LoadedMpc
 from climbplan.walking.schema.solver import WalkSolverSpec
 from climbplan.walking.task.task import WalkTask
@@ -71,10 +73,12 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
         LimitReached: no feasible gait was found; the message says how the best one fails.
     """
     report = report or _ignore_progress
-    spec = loaded.spec
     begin = time.perf_counter()
-    deadline = time.monotonic() + spec.solver.time_limit
-    task = build_task(spec, loaded.robot, loaded.source)
+    deadline = time.monotonic() + loaded.spec.solver.time_limit
+    loaded = fit_walk_scan(loaded)
+    spec = loaded.spec
+    scan = load_walk_surface(loaded)
+    task = build_task(spec, loaded.robot, loaded.source, scan=scan)
     report("solve", 0.0)
     ready = time.perf_counter()
     gap = find_widest_gap(task)
@@ -154,7 +158,8 @@ def _build_plan(
             if warning
         ),
     )
-    return raise_plan(replace(plan, summary=format_summary(plan)))
+    raised = raise_plan(replace(plan, summary=format_summary(plan)))
+    return orient_plan(raised, spec.forward)
 
 
 def _build_conflict(gap: Gap) -> Conflict:

@@ -17,16 +17,14 @@ from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.urdf.walking_body import build_walking_body
 from climbplan.robots.walking_legs import WalkingLegs
 from climbplan.schema.robots.urdf.robot import UrdfRobot
+from climbplan.terrain.raw_surface import RawSurface
+from climbplan.walking.plan.axes import turn_ground_to_walking
 from climbplan.walking.plan.foot_centres import shift_to_foot_centres
+from climbplan.walking.problem.regions import build_ground
+from climbplan.walking.problem.spec_axes import convert_to_walking_axes
 from climbplan.walking.schema.loading import WalkingRobot
 from climbplan.walking.schema.model import MpcSpec
-from climbplan.walking.schema.task import WalkGoalSpec
-from climbplan.walking.schema.terrain import (
-    LevelRegionSpec,
-    SteppingStonesSpec,
-    WalkTerrainSpec,
-    fit_slope,
-)
+from climbplan.walking.schema.task import WalkGoalSpec, WalkWeightsSpec
 from climbplan.walking.task.ground import Ground
 from climbplan.walking.task.task import (
     ANGLES,
@@ -41,39 +39,6 @@ from climbplan.walking.task.task import (
     WalkTask,
     Weights,
 )
-
-
-def sample_stones(spec: SteppingStonesSpec) -> tuple[list[str], Array, Array]:
-    """Sample stepping stones on a grid with random angles and heights; some are missing.
-
-    A stone has the same angle and height whatever other stones are missing. Names count missing
-    stones, too.
-
-    Args:
-        spec: extents, pitch, size and ranges.
-
-    Returns:
-        Names, corners (S, 4, 2) counterclockwise [m], and heights (S,) [m].
-    """
-    rng = np.random.default_rng(spec.seed)
-    max_angle = np.deg2rad(spec.turn_deg)
-    # Half extent of a stone at the largest angle
-    half = 0.5 * spec.size * float(np.cos(max_angle) + np.sin(max_angle))
-    x_centres, y_centres = (
-        a + half + spec.pitch * np.arange(int((b - a - 2 * half) / spec.pitch + 1e-9) + 1)
-        for a, b in (spec.x, spec.y)
-    )
-    centres = np.stack(np.meshgrid(x_centres, y_centres, indexing="ij"), axis=-1).reshape(-1, 2)
-    angle = max_angle * rng.uniform(-1, 1, len(centres))
-    height = spec.rise * rng.uniform(-1, 1, len(centres))
-    is_present = rng.permutation(len(centres)) >= round(spec.missing * len(centres))
-    square = 0.5 * spec.size * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
-    cosine, sine = np.cos(angle), np.sin(angle)
-    rotation = np.stack([np.stack([cosine, -sine], -1), np.stack([sine, cosine], -1)], -2)
-    corners = centres[:, None, :] + square @ np.swapaxes(rotation, -1, -2)
-    names = [f"S{k + 1}" for k in np.flatnonzero(is_present)]
-    return names, corners[is_present], height[is_present]
-
 
 _FAR = np.full(2, 1e4)  # [m] beyond all terrain
 _MAX_ROLLED_STEP = 1e-3  # [m]
@@ -160,78 +125,40 @@ def build_walker(spec: WalkingRobot) -> Walker:
     return Walker(body, spec.standing_height, None)
 
 
-def build_ground(spec: WalkTerrainSpec, foot: float = 0.0) -> Ground:
-    """Build the regions and stones of a spec, or flat ground; foot: radius of feet [m]."""
-    edge = foot if spec.edge is None else spec.edge
-    names = [region.name for region in spec.regions]
-    outlines = [np.array(region.outline, float) for region in spec.regions]
-    slopes = [_read_slope(region) for region in spec.regions]
-    plane_points = [_choose_plane_point(region) for region in spec.regions]
-    angular = any(region.corners for region in spec.regions)
-    if spec.stones is not None:
-        stone_names, corners, stone_heights = sample_stones(spec.stones)
-        names += stone_names
-        outlines += list(corners)
-        slopes += [(0.0, 0.0)] * len(stone_names)
-        plane_points += [(0.0, 0.0, float(height)) for height in stone_heights]
-        angular |= spec.stones.turn_deg > 0
-    if not names:
-        return replace(Ground.flat(spec.friction), edge=edge)
-    num_corners = max(map(len, outlines)) if angular else 0
-    points = np.array(plane_points, float)
-    ground = Ground(
-        tuple(names),
-        np.array([outline.min(axis=0) for outline in outlines]),
-        np.array([outline.max(axis=0) for outline in outlines]),
-        points[:, 2],
-        spec.friction,
-        np.array(slopes, float),
-        np.stack([_pad_outline(outline, num_corners) for outline in outlines]),
-        edge,
-    )
-    rise = (ground.slope * (ground.inner - points[:, :2])).sum(axis=1)
-    return replace(ground, height=ground.height + rise)
-
-
-def _read_slope(region: LevelRegionSpec) -> tuple[float, float]:
-    """Return the rise of a region along x and y."""
-    return fit_slope(region.corners) if region.corners else region.slope
-
-
-def _choose_plane_point(region: LevelRegionSpec) -> tuple[float, float, float]:
-    """Return a point (3,) of a region's plane."""
-    if region.corners:
-        return region.corners[0]
-    return (0.5 * sum(region.x), 0.5 * sum(region.y), region.height)
-
-
-def _pad_outline(outline: Array, count: int) -> Array:
-    """Return `count` corners (count, 2) with the last one repeated; none if count is 0."""
-    return outline[np.minimum(np.arange(count), len(outline) - 1)]
-
-
 def build_task(
-    spec: MpcSpec, robot: WalkingRobot, source: str = "spec", centres: bool = True
+    spec: MpcSpec,
+    robot: WalkingRobot,
+    source: str = "spec",
+    centres: bool = True,
+    scan: RawSurface | None = None,
 ) -> WalkTask:
     """Build the task of a spec, for spherical feet with regions of their centres.
+
+    The task has x forward; `orient_task` turns it to the axes of the spec.
 
     Args:
         spec: the walk.
         robot: its robot.
         source: name of the spec in messages.
         centres: False for plans that have foot centres on the terrain itself.
+        scan: Raw surface of the terrain in the axes of the spec; None: there is none, or it does
+            not matter.
 
     Raises:
         SpecError: a force limit that cannot carry the robot, toes off the terrain.
         MissingSolver: a robot from a URDF, without Pinocchio.
     """
     walker, mistakes = build_walker(robot), []
-    body, ground = walker.body, build_ground(spec.terrain, walker.foot)
+    body = walker.body
+    ground = replace(build_ground(spec.terrain, walker.foot, body.leg_names), scan=scan)
+    if spec.forward == "y":
+        ground = turn_ground_to_walking(ground)
+    spec = convert_to_walking_axes(spec)
     if centres and walker.foot:
         ground = shift_to_foot_centres(ground, walker.foot)
-    mistakes += [
-        SpecMistake("terrain.edge", message) for message in find_foot_conflicts(ground, walker.foot)
-    ]
+    if spec.terrain.scan is None:  # regions of a scan keep clear of what rises beside them
+        conflicts = find_foot_conflicts(ground, walker.foot)
+        mistakes += [SpecMistake("terrain.edge", message) for message in conflicts]
     if 4 * body.force_limit <= body.mass * body.gravity:
         message = (
             f"{body.leg_count} legs of {body.force_limit:g} N cannot carry {body.mass:g} kg "
@@ -242,7 +169,6 @@ def build_task(
     mistakes += toe_mistakes
     if mistakes:
         raise SpecError(source, mistakes)
-    weights = spec.weights
     return WalkTask(
         body=body,
         ground=ground,
@@ -251,15 +177,7 @@ def build_task(
         integrator=spec.task.integrator,
         start=start,
         reference=_build_reference(spec, ground, walker, start.state),
-        weights=Weights(
-            np.array(weights.velocity, float),
-            np.array(weights.angles, float),
-            weights.height,
-            weights.motion,
-            _scale_force_weight(body)
-            if weights.force_difference is None
-            else weights.force_difference,
-        ),
+        weights=_build_weights(spec.weights, body),
         swing_clearance=spec.task.swing_clearance,
         min_contacts=spec.task.min_contacts,
         workspace_over_stance=spec.task.workspace_over_stance,
@@ -282,7 +200,7 @@ def _build_start(spec: MpcSpec, walker: Walker, ground: Ground) -> tuple[Start, 
     for leg, name in enumerate(body.leg_names):
         if name in stated.toes:
             toes[leg, :2] = stated.toes[name]
-        region = int(ground.nearest(toes[leg, :2]))
+        region = int(ground.find_start_regions(toes[:, :2])[leg])
         off = float(ground.compute_distance_outside(np.array(region), toes[leg, :2]))
         if name in stated.toes and off > 0:
             message = f"{1e3 * off:.1f} mm off {ground.names[region]!r}, the nearest region"
@@ -291,6 +209,17 @@ def _build_start(spec: MpcSpec, walker: Walker, ground: Ground) -> tuple[Start, 
             toes[leg, :2] = ground.project(np.array(region), toes[leg, :2])
         toes[leg, 2] = ground.compute_height(np.array(region), toes[leg, :2])
     return Start(state, toes), mistakes
+
+
+def _build_weights(spec: WalkWeightsSpec, body: RigidBody) -> Weights:
+    """Return the weights of a spec; that of forces is scaled by the robot's weight if left out."""
+    return Weights(
+        np.array(spec.velocity, float),
+        np.array(spec.angles, float),
+        spec.height,
+        spec.motion,
+        _scale_force_weight(body) if spec.force_difference is None else spec.force_difference,
+    )
 
 
 def _scale_force_weight(body: RigidBody) -> float:

@@ -42,6 +42,15 @@ class LoadedMpc(LoadedSpec):
     robot_text: str = ""  # content of the robot file; empty for a built-in robot
     robot_urdf: str = ""  # content of its URDF
 
+    def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedMpc:
+        """Return the same walk with other values.
+
+        Raises:
+            SpecError: with every mistake that the overrides cause.
+        """
+        text = SourceText(self.source, self.name, self.directory, self.text)
+        return validate_mpc(apply_overrides(self.document, overrides), text)
+
 
 def load_mpc(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedMpc:
     """Read, override and check an MPC spec; `source` is a path or `-` for standard input.
@@ -61,7 +70,8 @@ def validate_mpc(document: Document, text: SourceText) -> LoadedMpc:
     """
     value = document.value
     robot_path = isinstance(value, dict) and _is_path(value.get("robot"))
-    resolve_option_paths(document, (("library", "file"), *([("robot",)] if robot_path else [])))
+    paths = (("library", "file"), ("terrain", "scan", "file"))
+    resolve_option_paths(document, (*paths, *([("robot",)] if robot_path else [])))
     spec, findings = validate_kind(document, "mpc", MpcSpec)
     robot, robot_mistakes = load_document_body(document, text.directory)
     findings += _check_leg_names(document, robot)
@@ -194,6 +204,7 @@ def _check_leg_names(document: Document, robot: WalkingRobot | None) -> list[Fin
         return []
     named: list[tuple[tuple[str | int, ...], str]] = []
     named += [(("task", "start", "toes", name), name) for name in task.start.toes]
+    named += _list_legs_of_terrain(document)
     named += [
         (("loop", "lost_contacts", k, "leg"), e.leg) for k, e in enumerate(loop.lost_contacts)
     ]
@@ -206,3 +217,17 @@ def _check_leg_names(document: Document, robot: WalkingRobot | None) -> list[Fin
         for path, name in named
         if name not in legs
     ]
+
+
+def _list_legs_of_terrain(document: Document) -> list[tuple[tuple[str | int, ...], str]]:
+    """Return the keys of legs that regions and boxes name, with their names."""
+    terrain = document.value.get("terrain")
+    named: list[tuple[tuple[str | int, ...], str]] = []
+    for group in ("regions", "boxes"):
+        entries = terrain.get(group) if isinstance(terrain, dict) else None
+        for k, entry in enumerate(entries if isinstance(entries, list) else []):
+            limbs = entry.get("limbs") if isinstance(entry, dict) else None
+            for n, name in enumerate(limbs if isinstance(limbs, list) else []):
+                if isinstance(name, str):
+                    named.append((("terrain", group, k, "limbs", n), name))
+    return named

@@ -24,6 +24,12 @@ class MpcSpec(SpecModel):
         description="built-in rigid body (`scaler`), or path of a rigid-body YAML file or of a "
         "robot file of a URDF (`climbplan new robot`)",
     )
+    forward: Literal["x", "y"] = Field(
+        default="x",
+        description="world axis that points forward. `y`: positions, velocities, angles and "
+        "terrain are those of climbs (x right, y forward), and so is the plan; `x`: x forward, y "
+        "to the left",
+    )
     terrain: WalkTerrainSpec = WalkTerrainSpec()
     """The ground."""
     task: WalkTaskSpec = WalkTaskSpec()
@@ -55,26 +61,23 @@ class MpcSpec(SpecModel):
                 faults.append(Fault("task.integrator", message))
         if self.solver.method == "spatial-branch-and-bound":
             message = (
-                "`spatial-branch-and-bound` takes level rectangles only; `gait-search` and `mpcc` "
-                "take slopes and polygons"
+                "`spatial-branch-and-bound` takes level regions only; `gait-search` and `mpcc` "
+                "take slopes"
             )
-            regions = self.terrain.regions
             faults += [
                 Fault(f"terrain.regions.{k}", message)
-                for k, region in enumerate(regions)
-                if region.corners or any(region.slope)
+                for k, region in enumerate(self.terrain.regions)
+                if any(region.plane.slope)
             ]
-            if self.terrain.stones is not None and self.terrain.stones.turn_deg > 0:
-                faults.append(Fault("terrain.stones.turn_deg", message))
+            faults += self._friction_faults()
         refuse(faults)
         return self
 
     def _online_ground(self) -> list[Fault]:
         """Return faults of keys that `online` does not support on terrain."""
-        terrain = self.terrain
-        if not terrain.regions and terrain.stones is None:
+        if not self.terrain.has_footholds:
             return []
-        faults = []
+        faults = self._friction_faults()
         if self.loop.estimation == "ekf":
             message = (
                 "with `ekf` nothing measures where the robot is among its regions, and its place "
@@ -85,3 +88,19 @@ class MpcSpec(SpecModel):
             message = "`published` knows flat ground only"
             faults.append(Fault("solver.formulation", message))
         return faults
+
+    def _friction_faults(self) -> list[Fault]:
+        """Return faults of regions with a friction coefficient, for methods that know one only."""
+        terrain = self.terrain
+        stated = [(f"regions.{k}", r.friction) for k, r in enumerate(terrain.regions)]
+        stated += [(f"boxes.{k}", box.friction) for k, box in enumerate(terrain.boxes)]
+        stated += [("ground", terrain.ground.friction)] if terrain.ground is not None else []
+        message = (
+            f"`{self.solver.method}` knows one friction coefficient: expected `terrain.friction` "
+            "alone; `gait-search` and `mpcc` take one of each region"
+        )
+        return [
+            Fault(f"terrain.{key}.friction", message)
+            for key, friction in stated
+            if friction is not None
+        ]

@@ -1,8 +1,12 @@
-"""Ground that a robot walks on: flat without end, or convex regions, level or sloped."""
+"""Ground that a robot walks on: flat without end, or convex regions, level or sloped.
+
+Terrain of climbs is read as well: regions as `rectangle` or `vertices`, `ground`, `boxes`, `scan`.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import Self
 
@@ -19,6 +23,15 @@ from climbplan.schema.base import (
     quantity,
     refuse,
 )
+from climbplan.schema.terrain.scan import ScanSpec
+from climbplan.schema.terrain.shapes import check_polygon
+from climbplan.schema.terrain.terrain import BoxSpec, GroundSpec, RectangleSpec
+from climbplan.walking.schema.region_plane import (
+    RegionPlane,
+    is_axis_aligned,
+    list_rectangle_corners,
+    read_polygon_plane,
+)
 
 Pair = tuple[Number, Number]
 _PLANE = 1e-4  # [m] that corners may be off one plane
@@ -27,7 +40,11 @@ _MOST_CORNERS = 12
 
 
 class LevelRegionSpec(SpecModel):
-    """A rectangle that toes may stand on, level or sloped, or a convex polygon by its corners."""
+    """A convex region that toes may stand on, level or sloped.
+
+    It is a rectangle by `x`, `y`, `height` and `slope`, a polygon by `corners`, or has the form of
+    climbs: `rectangle` or `vertices`.
+    """
 
     name: str = name_field("name used in reports")
     x: Interval = quantity(
@@ -41,9 +58,24 @@ class LevelRegionSpec(SpecModel):
     corners: tuple[Vector, ...] = quantity(
         "m", "x, y, z of the corners of a convex polygon in turn, in place of all of these", ()
     )
+    rectangle: RectangleSpec | None = Field(
+        default=None, description="the region as a rectangle, as in climbs"
+    )
+    vertices: tuple[Vector, ...] | None = quantity(
+        "m", "corners of a convex polygon, anticlockwise seen from above, as in climbs", None
+    )
+    friction: Number | None = quantity(
+        "", "friction coefficient; `terrain.friction` if left out", default=None, gt=0, le=5
+    )
+    limbs: tuple[str, ...] | None = Field(
+        default=None, description="legs that may stand on the region; all if left out"
+    )
 
     @model_validator(mode="after")
     def _extents(self) -> Self:
+        if self.rectangle is not None or self.vertices is not None:
+            refuse(self._climb_faults())
+            return self
         if self.corners:
             refuse(self._corner_faults())
             return self
@@ -57,6 +89,40 @@ class LevelRegionSpec(SpecModel):
             faults.append(Fault("slope", message))
         refuse(faults)
         return self
+
+    def _climb_faults(self) -> list[Fault]:
+        """Return what is wrong with a region in the form of climbs."""
+        form = "rectangle" if self.rectangle is not None else "vertices"
+        forms = ("x", "y", "height", "slope", "corners", "vertices")
+        others = [key for key in forms if key != form and key in self.model_fields_set]
+        if others:
+            return [Fault(key, f"expected either `{form}` or `{key}`, got both") for key in others]
+        if self.vertices is not None and (fault := check_polygon(self.vertices)):
+            return [Fault("vertices", fault)]
+        plane = read_polygon_plane(self._list_vertices())
+        if plane is None:
+            return [
+                Fault(
+                    form,
+                    "expected a region that faces up, to be walked on: its normal points "
+                    + (
+                        "down or level; vertices run anticlockwise seen from above"
+                        if form == "vertices"
+                        else "down or level"
+                    ),
+                )
+            ]
+        if max(map(abs, plane.slope)) > _STEEPEST:
+            rise = max(map(abs, plane.slope))
+            return [Fault(form, f"expected a rise of {_STEEPEST:g} at most, got {rise:.2f}")]
+        return []
+
+    def _list_vertices(self) -> tuple[Vector, ...]:
+        """Return the corners of a region in the form of climbs."""
+        if self.rectangle is None:
+            return self.vertices or ()
+        shape = self.rectangle
+        return list_rectangle_corners(shape.center, shape.normal, shape.width, shape.height)
 
     def _corner_faults(self) -> list[Fault]:
         both = [key for key in ("x", "y", "height", "slope") if key in self.model_fields_set]
@@ -91,15 +157,31 @@ class LevelRegionSpec(SpecModel):
     @property
     def outline(self) -> tuple[Pair, ...]:
         """Corners seen from above, counterclockwise."""
+        return self.plane.outline
+
+    @property
+    def plane(self) -> RegionPlane:
+        """The outline seen from above, and the plane."""
+        if self.rectangle is not None or self.vertices is not None:
+            plane = read_polygon_plane(self._list_vertices())
+            assert plane is not None  # as the region was validated
+            return plane
         if not self.corners:
             (x0, x1), (y0, y1) = self.x, self.y
-            return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
+            middle = (0.5 * (x0 + x1), 0.5 * (y0 + y1), self.height)
+            return RegionPlane(((x0, y0), (x1, y0), (x1, y1), (x0, y1)), self.slope, middle)
         corners_from_above = tuple((c[0], c[1]) for c in self.corners)
-        return (
-            corners_from_above
-            if _cross_product(*self.corners_about(0)) > 0
-            else corners_from_above[::-1]
+        is_counterclockwise = _cross_product(*self.corners_about(0)) > 0
+        return RegionPlane(
+            corners_from_above if is_counterclockwise else corners_from_above[::-1],
+            fit_slope(self.corners),
+            self.corners[0],
         )
+
+    @property
+    def is_rectangle(self) -> bool:
+        """True if the outline is a rectangle along x and y."""
+        return is_axis_aligned(self.plane.outline)
 
 
 class SteppingStonesSpec(SpecModel):
@@ -142,14 +224,31 @@ class WalkTerrainSpec(SpecModel):
         default=None, description="a random field of stepping stones, S1, S2, ... in rows along y"
     )
 
+    ground: GroundSpec | None = Field(
+        default=None, description="level ground, as in climbs; none under `boxes`"
+    )
+    boxes: tuple[BoxSpec, ...] = Field(
+        default=(), description="solid boxes whose tops legs may stand on, as in climbs"
+    )
+    scan: ScanSpec | None = Field(
+        default=None,
+        description="mesh, point cloud or height map of the terrain, as in climbs: what is flat "
+        "and at most 45 degrees steep becomes regions",
+    )
     edge: Number | None = quantity(
         "m",
         "no toe is set down so near to the edge of a region or stone; left out: the radius of the "
-        "robot's feet, 0 of points",
+        "robot's feet, 0 of points, and 0 with a scan, whose regions keep `scan.toe_radius`",
         None,
         ge=0,
         le=0.2,
     )
+
+    @property
+    def has_footholds(self) -> bool:
+        """True if the terrain is not flat without end."""
+        stated = bool(self.regions or self.boxes) or self.ground is not None
+        return stated or self.stones is not None or self.scan is not None
 
     @model_validator(mode="after")
     def _apart(self) -> Self:
@@ -167,21 +266,46 @@ class WalkTerrainSpec(SpecModel):
                     "edge", f"expected less than half of the size of stones, {self.stones.size:g} m"
                 )
             )
-        for i, region in enumerate(self.regions):
-            for earlier in self.regions[:i]:
-                if region.name == earlier.name:
-                    message = f"names must differ, {region.name!r} is there already"
-                    faults.append(Fault(f"regions.{i}.name", message))
-                if polygons_overlap(region.outline, earlier.outline):
-                    faults.append(Fault(f"regions.{i}", f"overlaps region {earlier.name!r}"))
-            if self.stones is not None and region.name[:1] == "S" and region.name[1:].isdigit():
-                faults.append(Fault(f"regions.{i}.name", "S1, S2, ... are names of the stones"))
-            if self.stones is not None and polygons_overlap(
-                region.outline, _read_field(self.stones)
-            ):
-                faults.append(Fault("stones", f"overlap region {region.name!r}"))
-        refuse(faults)
+        if self.scan is not None and self.scan.holds is not None:
+            faults.append(Fault("scan.holds", "walks stand on their toes: expected no `holds`"))
+        refuse([*faults, *self._name_faults(), *self._overlap_faults()])
         return self
+
+    def _name_faults(self) -> Iterator[Fault]:
+        """Yield names that several parts of the terrain have."""
+        places = [("ground", "ground")] if self.ground is not None else []
+        places += [(box.name, f"boxes.{k}.name") for k, box in enumerate(self.boxes)]
+        places += [(region.name, f"regions.{k}.name") for k, region in enumerate(self.regions)]
+        names: set[str] = set()
+        for name, key in places:
+            if name in names:
+                yield Fault(key, f"names must differ, {name!r} is there already")
+            names.add(name)
+            if self.stones is not None and name[:1] == "S" and name[1:].isdigit():
+                yield Fault(key, "S1, S2, ... are names of the stones")
+
+    def _overlap_faults(self) -> Iterator[Fault]:
+        """Yield parts of the terrain that overlap as seen from above; those of scans may."""
+        if self.scan is not None:
+            return
+        outlines = [(f"regions.{k}", r.name, r.outline) for k, r in enumerate(self.regions)]
+        for k, box in enumerate(self.boxes):
+            (x0, y0, _), (x1, y1, _) = box.lower, box.upper
+            outlines.append((f"boxes.{k}", box.name, _list_rectangle((x0, x1), (y0, y1))))
+        for i, (key, _, outline) in enumerate(outlines):
+            for _, earlier, earlier_outline in outlines[:i]:
+                if polygons_overlap(outline, earlier_outline):
+                    yield Fault(key, f"overlaps region {earlier!r}")
+        if self.ground is not None:
+            level = _list_rectangle(self.ground.across, self.ground.along)
+            for k, region in enumerate(self.regions):
+                if polygons_overlap(region.outline, level):
+                    yield Fault(f"regions.{k}", "overlaps `ground`; expected `boxes` on it")
+            outlines.append(("ground", "ground", level))
+        field = None if self.stones is None else _list_rectangle(self.stones.x, self.stones.y)
+        for _, name, outline in outlines:
+            if field is not None and polygons_overlap(outline, field):
+                yield Fault("stones", f"overlap region {name!r}")
 
 
 def _has_interior(outline: tuple[Pair, ...], edge: float) -> bool:
@@ -223,9 +347,9 @@ def polygons_overlap(polygon: tuple[Pair, ...], second_polygon: tuple[Pair, ...]
     return True
 
 
-def _read_field(stones: SteppingStonesSpec) -> tuple[Pair, ...]:
-    """Return the corners of the rectangle of stepping stones."""
-    (x0, x1), (y0, y1) = stones.x, stones.y
+def _list_rectangle(x: Interval, y: Interval) -> tuple[Pair, ...]:
+    """Return the corners of a rectangle along x and y."""
+    (x0, x1), (y0, y1) = x, y
     return ((x0, y0), (x1, y0), (x1, y1), (x0, y1))
 
 

@@ -46,12 +46,16 @@ def build_facts(task: WalkTask) -> dict[str, Any]:
         facts[component] = {
             field.name: _to_plain(getattr(vars(task)[component], field.name))
             for field in fields(vars(task)[component])
+            if field.name != "scan"  # what plans are checked against, and no libraries
         }
     if not task.ground.slope.any() and not task.ground.corners.size:
         for name in _SHAPES:  # level rectangles have neither
             del facts["ground"][name]
     for name in ("edge", "standoff"):
         if not vars(task.ground)[name]:
+            del facts["ground"][name]
+    for name in ("region_friction", "allowed"):
+        if not vars(task.ground)[name].size:
             del facts["ground"][name]
     if task.goal.is_set:
         facts["goal"] = [task.goal.lower.tolist(), task.goal.upper.tolist()]

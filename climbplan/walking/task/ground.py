@@ -1,19 +1,26 @@
 """Terrain of convex footholds, level or sloped, and the heights that toes have to clear.
 
-Each region is a convex part of a plane; from above it is a rectangle along x and y, or a polygon.
-What
-no region covers is a gap: no toe stands there, and nothing has to be cleared.
+A toe p stands on one convex region of a plane, seen from above a rectangle along x and y or a
+polygon, with normal n and friction coefficient mu:
+
+    contact.region    A (p_x, p_y) <= b,    p_z = h + s_x (p_x - o_x) + s_y (p_y - o_y)
+    force.friction    || f - (n . f) n || <= mu n . f,    n = (-s_x, -s_y, 1) / | . |
+
+Rectangles have A = (I, -I); level ones s = 0, so that n points up. What no region covers is a gap:
+no toe stands there. Swings clear all regions and, of scanned terrain, the raw surface.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
-from climbplan.arrays import Array, IntArray
+from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.terrain.raw_surface import RawSurface
+from climbplan.walking.task.height_grid import HeightGrid, build_empty_grid, build_height_grid
 
 _FAR = 900.0  # [m]
 
@@ -27,21 +34,35 @@ class RegionArrays(NamedTuple):
     height: Array  # (S,) at `inner` [m]
     slope: Array  # (S, 2)
     inner: Array  # (S, 2) [m]
+    grid: HeightGrid  # of the raw surface of a scan
+
+
+def raise_scan(scan: RawSurface, rise: float) -> RawSurface:
+    """Return a raw surface that is raised [m]."""
+    return replace(scan, vertices=scan.vertices + rise * np.array([0.0, 0.0, 1.0]))
+
+
+def _build_all_allowed() -> BoolArray:
+    return np.zeros((0, 0), bool)
 
 
 @dataclass(frozen=True)
 class Ground:
-    """Terrain of convex regions with one friction coefficient."""
+    """Terrain of convex regions."""
 
     names: tuple[str, ...]
     lower: Array  # (S, 2) x, y [m] of the rectangle about each region
     upper: Array  # (S, 2)
     height: Array  # (S,) at `inner` [m]
-    friction: float
+    friction: float  # of regions without one of their own
     slope: Array  # (S, 2) rise along x and y
     corners: Array  # (S, C, 2) counterclockwise, the last ones repeated; C = 0: all are rectangles
     edge: float = 0.0  # [m] strip along edges without footholds
     standoff: float = 0.0  # [m] radius of spherical feet, whose centres stand on these planes
+    region_friction: Array = field(default_factory=lambda: np.zeros(0))  # (S,); empty: `friction`
+    # (S, L) bool, leg may stand on region; empty: all may
+    allowed: BoolArray = field(default_factory=_build_all_allowed)
+    scan: RawSurface | None = None  # raw surface, moved with the planes when these are raised
 
     @classmethod
     def level(
@@ -66,7 +87,7 @@ class Ground:
     @cached_property
     def is_rough(self) -> bool:
         """True if the terrain is more than one level region."""
-        return self.count > 1 or bool(self.slope.any())
+        return self.count > 1 or bool(self.slope.any()) or self.scan is not None
 
     @cached_property
     def is_flat_everywhere(self) -> bool:
@@ -105,13 +126,50 @@ class Ground:
     @cached_property
     def region_arrays(self) -> RegionArrays:
         """The whole regions as compiled functions take them."""
-        return RegionArrays(self.lower, self.upper, self.sides, self.height, self.slope, self.inner)
+        shape = (self.lower, self.upper, self.sides, self.height, self.slope, self.inner)
+        return RegionArrays(*shape, self.height_grid)
 
     @cached_property
     def foothold_arrays(self) -> RegionArrays:
         """The regions without strips along edges, as compiled functions take them."""
         lower, upper, sides = self.footholds
-        return RegionArrays(lower, upper, sides, self.height, self.slope, self.inner)
+        shape = (lower, upper, sides, self.height, self.slope, self.inner)
+        return RegionArrays(*shape, build_empty_grid())
+
+    @cached_property
+    def height_grid(self) -> HeightGrid:
+        """Upper bounds of the raw surface; without a scan it has no cells."""
+        return build_empty_grid() if self.scan is None else build_height_grid(self.scan)
+
+    def list_regions(self, leg: int) -> IntArray:
+        """Return the regions that a leg may stand on."""
+        if not self.allowed.size:
+            return np.arange(self.count)
+        return np.flatnonzero(self.allowed[:, leg])
+
+    @cached_property
+    def leg_foothold_arrays(self) -> tuple[RegionArrays, ...]:
+        """Footholds of each leg's own regions, in the order of `list_regions`; empty: all alike."""
+        arrays = self.foothold_arrays
+        own = [self.list_regions(leg) for leg in range(self.allowed.shape[1])]
+        return tuple(
+            RegionArrays(
+                arrays.lower[regions],
+                arrays.upper[regions],
+                arrays.sides[regions],
+                arrays.height[regions],
+                arrays.slope[regions],
+                arrays.inner[regions],
+                arrays.grid,
+            )
+            for regions in own
+        )
+
+    def find_friction(self, region: IntArray) -> Array:
+        """Return the friction coefficients (...) of regions (...)."""
+        if not self.region_friction.size:
+            return np.full(np.shape(region), self.friction)
+        return np.asarray(self.region_friction[region])
 
     @cached_property
     def frame(self) -> Array:
@@ -170,6 +228,14 @@ class Ground:
         # Among several regions that contain a point: the one with the largest depth.
         chosen: IntArray = np.argmin(apart + 1e-6 * deep, axis=-1)
         return chosen
+
+    def find_start_regions(self, toes: Array) -> IntArray:
+        """Return the region (L,) of each leg's own that contains its toe (L, 2), or is nearest."""
+        if not self.allowed.size:
+            return self.nearest(toes)
+        every = [self.list_regions(leg) for leg in range(len(toes))]
+        distance = [self.compute_distance_outside(r, xy) for r, xy in zip(every, toes, strict=True)]
+        return np.array([r[int(np.argmin(d))] for r, d in zip(every, distance, strict=True)])
 
     def project(self, region: IntArray, xy: Array) -> Array:
         """Return points (..., 2) moved into the footholds of regions (...)."""

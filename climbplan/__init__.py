@@ -16,6 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from climbplan.api.limits import find_limit
     from climbplan.api.loading import load_spec
     from climbplan.api.plan import Plan, load_plan
     from climbplan.api.planning import plan, verify
@@ -46,6 +47,7 @@ __all__ = [
     "Session",
     "Solution",
     "TransitionSpec",
+    "find_limit",
     "load_plan",
     "load_spec",
     "plan",
@@ -66,6 +68,7 @@ _MODULES = {
     "Session": "api.session",
     "Solution": "api.solving",
     "TransitionSpec": "climb.schema.transition",
+    "find_limit": "api.limits",
     "load_plan": "api.plan",
     "load_spec": "api.loading",
     "plan": "api.planning",

@@ -45,21 +45,22 @@ def load_spec(
         SpecError: the spec has mistakes; all of them are listed, with lines where there is a text.
         UsageError: the source has another type.
     """
-    text = _read_source(source)
+    text = read_spec_source(source)
     if folder is not None:
         text = SourceText(text.shown, text.name, Path(folder).resolve(), text.text)
-    return load_source(text, [_override(key, value) for key, value in (overrides or {}).items()])
+    return load_source(text, build_overrides(overrides))
 
 
 def override_spec(loaded: LoadedSpec, overrides: Mapping[str, Any]) -> LoadedSpec:
     """Return a loaded spec with values replaced and checked again; raises SpecError."""
     text = SourceText(loaded.source, loaded.name, loaded.directory, loaded.text)
-    again = load_source(text, [_override(key, value) for key, value in overrides.items()])
+    again = load_source(text, build_overrides(overrides))
     assert isinstance(again, LoadedSpec)  # of the same kind
     return again
 
 
-def _read_source(source: SpecSource) -> SourceText:
+def read_spec_source(source: SpecSource) -> SourceText:
+    """Return the YAML text of a spec given in any form; raises SpecError and UsageError."""
     if isinstance(source, Path):
         return read_source(source)
     if isinstance(source, str):
@@ -74,6 +75,11 @@ def _read_source(source: SpecSource) -> SourceText:
     raise UsageError(
         f"expected a path, a YAML text, a mapping or a spec model, got {type(source).__name__}"
     )
+
+
+def build_overrides(values: Mapping[str, Any] | None) -> list[str | Override]:
+    """Return overrides by dotted key as those of `--set`; None gives none. Raises UsageError."""
+    return [_override(key, value) for key, value in (values or {}).items()]
 
 
 def _override(key: str, value: Any) -> Override:

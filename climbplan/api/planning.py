@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,7 +60,35 @@ def plan(
         loaded = override_spec(spec, changes) if changes else spec
     else:
         loaded = load_spec(spec, changes)
-    result = run_planner(loaded, PlanningOptions(progress or (lambda stage, fraction: None), jobs))
+    outcome = plan_and_verify(
+        loaded, PlanningOptions(progress or (lambda stage, fraction: None), jobs)
+    )
+    if outcome.verification.objection:
+        failed = VerificationFailed(f"the plan {outcome.verification.objection}")
+        failed.plan = outcome.plan
+        raise failed
+    return outcome.plan
+
+
+@dataclass(frozen=True)
+class VerifiedPlan:
+    """A plan with what its verification says, passed or not."""
+
+    plan: Plan
+    verification: Verification
+    status: str  # "optimal", "feasible", "infeasible", "limit"; of files of scenes all in one
+    folder: Path  # of the plan file and of what the planner wrote beside it
+
+
+def plan_and_verify(loaded: object, options: PlanningOptions) -> VerifiedPlan:
+    """Plan a loaded spec and verify the plan from its file, in a folder that goes with the plan.
+
+    Raises:
+        SpecError: planning found a mistake in the spec.
+        UsageError: no plan is made from specs of this kind.
+        NoPlanFound: no plan exists, or none was found.
+    """
+    result = run_planner(loaded, options)
     folder = Folder()
     path = folder.path / PLAN_FILE
     result.write(path)
@@ -70,11 +99,7 @@ def plan(
     verification = identify_kind(path).load_verifier()(path)
     planned = Plan(path, folder)
     planned.summary, planned.warnings = tuple(result.summary), tuple(result.warnings)
-    if verification.objection:
-        failed = VerificationFailed(f"the plan {verification.objection}")
-        failed.plan = planned
-        raise failed
-    return planned
+    return VerifiedPlan(planned, verification, result.status, folder.path)
 
 
 @renamed_parameters(set="overrides")

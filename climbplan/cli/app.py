@@ -54,6 +54,7 @@ GROUPS = {
         "plan-limms",
         "solve-bookshelf",
         "solve",
+        "limits",
     ),
     "Learn": (
         "gen-data",

@@ -37,7 +37,7 @@ class Bound:
 
 @dataclass(frozen=True)
 class Tolerance:
-    """When two values, of which one passes and one fails, are close enough.
+    """Largest distance of a value that passes from one that fails, at the end of a search.
 
     Attributes:
         width: their distance, in the unit of the values, or as a fraction of the larger one.

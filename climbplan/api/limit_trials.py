@@ -43,11 +43,12 @@ _NUM_MARGINS = 3
 # Told of every plan, however much of their bounds is used up: what loads and surfaces end
 _LOAD_CHECKS = ("force.friction", "torque.limit", "joint.torque", "grip.shear")
 _NUM_CONFLICTS = 3
+_MAX_LENGTH = 300  # of a message in one line; JSON has it in full
 
 
 @dataclass(frozen=True)
 class Margin:
-    """How much of a bound a plan uses up, at the place where it uses most of it.
+    """A bound of which a plan uses up much, and the place where it uses most of it.
 
     Attributes:
         check: name of the check, such as "torque.limit".
@@ -67,7 +68,7 @@ class Margin:
         place = f", {self.where}" if self.where else ""
         left = f" ({self.margin})" if self.margin else ""
         meaning = f": {self.meaning}" if self.meaning else ""
-        return f"{100 * self.fraction:.0f} % of {self.check}{place}{left}{meaning}"
+        return f"{100 * self.fraction:.3g} % of {self.check}{place}{left}{meaning}"
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values for JSON."""
@@ -107,7 +108,7 @@ class Trial:
 
     @property
     def counts(self) -> bool:
-        """Whether the value has a plan that passes every check and is plausible."""
+        """Return whether the value has a plan that passes every check and is plausible."""
         return self.outcome == "verified"
 
     def with_times(self, seconds: float, cpu_seconds: float) -> Trial:
@@ -116,7 +117,10 @@ class Trial:
 
     def describe(self) -> str:
         """Return outcome and message in one line."""
-        return f"{_IN_WORDS[self.outcome]}: {self.message}"
+        message = self.message
+        if len(message) > _MAX_LENGTH:
+            message = f"{message[:_MAX_LENGTH].rstrip()} ..."
+        return f"{_IN_WORDS[self.outcome]}: {message}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
@@ -162,7 +166,7 @@ def report_failure(value: float, error: NoPlanFound) -> Trial:
     outcome: Outcome = "limit" if error.status == "limit" else "not_proved"
     if isinstance(error, Infeasible):
         outcome = "infeasible"
-    message = error.message.partition("\n")[0]
+    message = error.message.partition("\n")[0].removesuffix(":")
     return Trial(
         value,
         outcome,
@@ -240,6 +244,12 @@ class LimitResult:
         return min(proved, key=self._hardness, default=None)
 
     @property
+    def hardest_checked(self) -> Trial | None:
+        """The hardest value whose plan passes every check, plausible or not."""
+        passed = (t for t in self.trials if t.outcome in ("verified", "implausible"))
+        return max(passed, key=self._hardness, default=None)
+
+    @property
     def failed_within(self) -> tuple[Trial, ...]:
         """Easier values that do not count: with one, outcomes do not follow the value."""
         if self.best is None:
@@ -249,7 +259,7 @@ class LimitResult:
 
     @property
     def ended_by(self) -> Literal["failure", "range", "time", "nothing"]:
-        """What ended the search.
+        """The reason why the search ended.
 
         "failure": a harder value fails, within the tolerance. "range": all values up to the end
         count. "time": the time was over first. "nothing": no value counts.
@@ -292,6 +302,9 @@ class LimitResult:
         yield from self._describe_end(beyond)
         if (proved := self.next_infeasible) is not None and proved is not self.next_failed:
             yield f"proved infeasible: {key.format(proved.value)}, the nearest {beyond}"
+        checked = self.hardest_checked
+        if checked is not None and checked is not best:
+            yield f"checks alone pass as far as {key.format(checked.value)}, with implausible data"
         for trial in self.failed_within:
             yield f"not in order: {key.format(trial.value)}, an easier value: {trial.describe()}"
         for margin in best.margins:
@@ -301,7 +314,9 @@ class LimitResult:
         """Yield lines on what ends the limit."""
         nearest = self.next_failed
         if self.out_of_time:
-            yield "the time was over before the limit was bracketed to the tolerance"
+            undecided = [t.value for t in self.trials if t.outcome == "out_of_time"]
+            under_way = f"; {self.key.format(undecided[-1])} is not decided" if undecided else ""
+            yield f"the time was over before the limit was bracketed to the tolerance{under_way}"
         if nearest is None:
             if not self.out_of_time:
                 yield f"nothing ends it {beyond}: every value tried up to the end counts"
@@ -314,6 +329,7 @@ class LimitResult:
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for JSON."""
         nearest, proved = self.next_failed, self.next_infeasible
+        checked = self.hardest_checked
         return {
             "of": self.key.key,
             "unit": self.key.unit,
@@ -322,6 +338,7 @@ class LimitResult:
             "ended_by": self.ended_by,
             "next_failed": None if nearest is None else nearest.as_dict(),
             "next_infeasible": None if proved is None else proved.value,
+            "hardest_checked": None if checked is None else checked.value,
             "failed_within": [trial.value for trial in self.failed_within],
             "margins": [margin.as_dict() for margin in self.best.margins] if self.best else [],
             **self._scope(),

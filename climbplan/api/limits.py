@@ -161,7 +161,7 @@ class LimitSearch:
 
     @property
     def direction(self) -> Direction | None:
-        """Which value is sought; None as long as only outcomes can tell."""
+        """Direction of the search; None as long as only outcomes can tell."""
         return self._direction
 
     def run(self) -> LimitResult:
@@ -296,13 +296,11 @@ def find_limit(
     """Find the largest (or smallest) value of a key for which a plan is made that counts.
 
         limit = climbplan.find_limit("specs/climb_steps.yaml", "task.payload.mass")
-        print(*limit.sentences(), sep="\\n")
-        limit.value, limit.plan
+        limit.value, limit.plan, limit.sentences()
 
-    The search brackets the limit by doubling or halving the stated value and then bisects. Every
-    value is planned and verified in full. A value counts where every check of its plan passes and
-    nothing about it is implausible. Where no plan is made, that is no proof that none exists;
-    `Trial.outcome` keeps the two apart.
+    The stated value is doubled or halved until the outcome changes, then bisected; every value is
+    planned and verified in full. A value counts if every check of its plan passes and nothing about
+    the plan is implausible. A value without a plan is no proof: `Trial.outcome` tells them apart.
 
     Args:
         spec: the result of `climbplan.load_spec`, or anything that it takes.
@@ -310,20 +308,15 @@ def find_limit(
         overrides: values by dotted key, as with `--set`.
         lower: smallest value to try; None takes the end that the schema sets.
         upper: largest value to try; None takes the end that the schema sets.
-        tolerance: largest distance of the last value that counts and the next that fails: a number
-            in the key's unit, or a text such as "5%".
-        direction: "largest" or "smallest"; None takes what is usual for the key (the smallest
-            friction, the largest mass), or what planning at both ends of the range shows.
+        tolerance: distance from the next value that fails, in the key's unit or as text ("5%").
+        direction: "largest" or "smallest"; None takes what is usual for the key, or what planning
+            at both ends of the range shows.
         method: replaces `solver.method`; None keeps the spec's.
         seed: replaces `seed`; None keeps the spec's.
-        time_limit: limit of the whole search [s], plans under way included; None sets none.
-        jobs: worker processes of plans that are judged in sampled worlds, and of files of scenes.
+        time_limit: limit of the whole search [s]; None sets none.
+        jobs: worker processes of plans that have some.
         progress: called with the name of a stage and the fraction of it that is done.
-        on_trial: called with every value that was tried, as soon as its outcome is known; what it
-            collects is there after Ctrl-C, too.
-
-    Returns:
-        The limit with its plan, the constraint that ends it, and all values that were tried.
+        on_trial: called with every value that was tried, so that Ctrl-C loses none.
 
     Raises:
         SpecError: the spec has mistakes, also at an end of the range that was given.
@@ -333,26 +326,31 @@ def find_limit(
     """
     options = {"solver.method": method, "seed": seed}
     changes = {**(overrides or {}), **{k: v for k, v in options.items() if v is not None}}
+    search_options = LimitSearchOptions(
+        lower=lower,
+        upper=upper,
+        tolerance=tolerance,
+        direction=direction,
+        time_limit=time_limit,
+        jobs=jobs,
+        progress=progress or (lambda stage, fraction: None),
+        on_trial=on_trial or (lambda trial: None),
+    )
+    return _search_limit(spec, build_overrides(changes), key, search_options)
+
+
+def _search_limit(
+    spec: SpecSource | LoadedSpec,
+    overrides: Sequence[str | Override],
+    key: str,
+    options: LimitSearchOptions,
+) -> LimitResult:
+    """Run a search; raises NoPlanFound if no value counts."""
     if isinstance(spec, LoadedSpec):
         text = SourceText(spec.source, spec.name, spec.directory, spec.text)
     else:
         text = read_spec_source(spec)
-    search = LimitSearch(
-        text,
-        build_overrides(changes),
-        key,
-        LimitSearchOptions(
-            lower=lower,
-            upper=upper,
-            tolerance=tolerance,
-            direction=direction,
-            time_limit=time_limit,
-            jobs=jobs,
-            progress=progress or (lambda stage, fraction: None),
-            on_trial=on_trial or (lambda trial: None),
-        ),
-    )
-    result = search.run()
+    result = LimitSearch(text, overrides, key, options).run()
     if result.best is None:
         raise explain_no_limit(result)
     return result

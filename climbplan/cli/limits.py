@@ -24,6 +24,7 @@ from climbplan.cli.options import (
     Verbose,
 )
 from climbplan.cli.output_directory import OutputDirectory
+from climbplan.cli.progress import StageProgress
 from climbplan.cli.quick import NoReport, quick_overrides
 from climbplan.store.csv_file import write_csv
 
@@ -115,8 +116,7 @@ def limits(
     with its report, limits.csv and limits.json with all values that were tried; it appears with
     the first plan and stays if the run is stopped. Exit code 4 if no value counts.
     """
-    from climbplan.api.limits import LimitSearch, LimitSearchOptions, explain_no_limit
-    from climbplan.cli.progress import StageProgress
+    from climbplan.api.limits import LimitSearch, LimitSearchOptions
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.schema.source import read_source
 
@@ -143,12 +143,7 @@ def limits(
             ),
         )
         run.begin(search, out if out is not None else Path("outputs", f"{search.name}_limits"))
-        result = run.search_limit()
-        if result.best is None:
-            raise explain_no_limit(result)
-        if not (no_report or quick):
-            progress.report("report", 0.0)
-            run.publish(result, with_report=True)
+        result = run.search_limit(progress, with_report=not (no_report or quick))
     run.hand_over(result)
 
 
@@ -187,8 +182,16 @@ class _LimitRun:
             self._best = result.best
             self.publish(result, with_report=False)
 
-    def search_limit(self) -> LimitResult:
-        """Run the search; what it knows when it is interrupted goes into its JSON answer."""
+    def search_limit(self, progress: StageProgress, with_report: bool) -> LimitResult:
+        """Run the search and write its result.
+
+        What is known when it is interrupted goes into its JSON answer.
+
+        Raises:
+            NoPlanFound: no value counts.
+        """
+        from climbplan.api.limits import explain_no_limit
+
         try:
             result = self._search.run()
         except KeyboardInterrupt:
@@ -196,8 +199,11 @@ class _LimitRun:
             raise
         if result.best is None:
             self._print_json(result)
-        elif result.trials[-1] is not self._best:
-            self.publish(result, with_report=False)
+            raise explain_no_limit(result)
+        if with_report:
+            progress.report("report", 0.0)
+        if with_report or result.trials[-1] is not self._best:
+            self.publish(result, with_report)
         return result
 
     def _report_partial(self) -> None:

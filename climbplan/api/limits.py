@@ -47,6 +47,7 @@ from climbplan.schema.overrides import Override
 from climbplan.schema.source import SourceText
 
 DEFAULT_TOLERANCE = "5%"
+_TIME_IS_UP = 1e-3  # of a planner's limit: with less time left, the end of the search ended a plan
 
 
 class _TimeIsUp(BaseException):
@@ -220,11 +221,12 @@ class LimitSearch:
     def _try(self, value: float) -> Trial:
         """Plan and verify at one value, whatever comes of it."""
         begin, cpu_begin = time.monotonic(), _read_cpu_time()
+        limit: float | None = None  # of the planner, as the spec has it [s]
         is_cut = False
         try:
             loaded = self._load(value)
             limit = read_value(vars(loaded)["spec"], ("solver", "time_limit"))
-            is_cut = isinstance(limit, int | float) and self._remaining() < limit
+            is_cut = limit is not None and self._remaining() < limit
             if is_cut:
                 loaded = self._load(value, max(self._remaining(), 1e-3))
             trial = judge_plan(self.kind, value, plan_and_verify(loaded, self._planning(value)))
@@ -236,7 +238,8 @@ class LimitSearch:
             trial = report_failure(value, error)
         except _TimeIsUp:
             trial = Trial(value, "out_of_time", "the time of the search was over")
-        if is_cut and trial.outcome not in ("verified", "infeasible", "invalid_spec"):
+        is_decided = trial.outcome in ("verified", "infeasible", "invalid_spec")
+        if is_cut and not is_decided and self._remaining() <= _TIME_IS_UP * (limit or 0.0):
             trial = Trial(value, "out_of_time", trial.message)
         return trial.with_times(time.monotonic() - begin, _read_cpu_time() - cpu_begin)
 

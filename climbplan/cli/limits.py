@@ -26,6 +26,7 @@ from climbplan.cli.options import (
 from climbplan.cli.output_directory import OutputDirectory
 from climbplan.cli.progress import StageProgress
 from climbplan.cli.quick import NoReport, quick_overrides
+from climbplan.cli.supervision import remove_if_killed
 from climbplan.store.csv_file import write_csv
 
 if TYPE_CHECKING:
@@ -177,6 +178,8 @@ class _LimitRun:
         """Say how a value ended, and keep its plan if it is the best so far."""
         value = self._search.key.format(trial.value)
         self._session.note(f"{'try':<9} {value:<9} {trial.seconds:.2f} s   {trial.describe()}")
+        if trial.planned is not None:
+            remove_if_killed(trial.planned.folder)
         result = self._search.result()
         if result.best is not self._best:
             self._best = result.best

@@ -34,6 +34,9 @@ RETURNED = (
     "climbplan.verification.verification.Verification",
     "climbplan.verification.check.Check",
     "climbplan.api.plan.Simulation",
+    "climbplan.api.limit_trials.LimitResult",
+    "climbplan.api.limit_trials.Trial",
+    "climbplan.api.limit_trials.Margin",
     "climbplan.program.residuals.CheckReport",
 )
 

@@ -203,7 +203,8 @@ class LimitResult:
         kind: what a search knows of the kind of spec.
         direction: "largest" or "smallest", which value was sought.
         trials: every value that was tried, in order.
-        out_of_time: whether the time was over before the limit was bracketed to the tolerance.
+        stopped_by: what ended the search before the limit was bracketed to the tolerance; "" if
+            nothing did.
         seconds: duration of the search [s].
     """
 
@@ -211,7 +212,7 @@ class LimitResult:
     kind: LimitKind = field(repr=False)
     direction: Direction
     trials: tuple[Trial, ...]
-    out_of_time: bool
+    stopped_by: Literal["", "time", "interrupt"]
     seconds: float
 
     def _hardness(self, trial: Trial) -> float:
@@ -258,14 +259,15 @@ class LimitResult:
         return tuple(t for t in self._failures() if self._hardness(t) < limit)
 
     @property
-    def ended_by(self) -> Literal["failure", "range", "time", "nothing"]:
+    def ended_by(self) -> Literal["failure", "range", "time", "interrupt", "nothing"]:
         """The reason why the search ended.
 
         "failure": a harder value fails, within the tolerance. "range": all values up to the end
-        count. "time": the time was over first. "nothing": no value counts.
+        count. "time": the time was over first. "interrupt": it was stopped, or still goes on.
+        "nothing": no value counts.
         """
-        if self.out_of_time:
-            return "time"
+        if self.stopped_by:
+            return self.stopped_by
         if self.best is None:
             return "nothing"
         return "range" if self.next_failed is None else "failure"
@@ -313,15 +315,17 @@ class LimitResult:
     def _describe_end(self, beyond: str) -> Iterator[str]:
         """Yield lines on what ends the limit."""
         nearest = self.next_failed
-        if self.out_of_time:
+        if self.stopped_by == "interrupt":
+            yield "the search was stopped before the limit was bracketed to the tolerance"
+        if self.stopped_by == "time":
             undecided = [t.value for t in self.trials if t.outcome == "out_of_time"]
             under_way = f"; {self.key.format(undecided[-1])} is not decided" if undecided else ""
             yield f"the time was over before the limit was bracketed to the tolerance{under_way}"
         if nearest is None:
-            if not self.out_of_time:
+            if not self.stopped_by:
                 yield f"nothing ends it {beyond}: every value tried up to the end counts"
             return
-        ends = "ends it" if not self.out_of_time else "fails"
+        ends = "fails" if self.stopped_by else "ends it"
         yield f"{self.key.format(nearest.value)} {ends}: {nearest.describe()}"
         for conflict in nearest.conflicts[:_NUM_CONFLICTS]:
             yield f"  {conflict}"

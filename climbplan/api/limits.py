@@ -10,7 +10,7 @@ import os
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.api.limit_keys import NumericKey, find_numeric_key, read_value
@@ -153,7 +153,7 @@ class LimitSearch:
                 self._load(value)
         self._trials: list[Trial] = []
         self._begin = time.monotonic()
-        self._out_of_time = False
+        self._stopped_by: Literal["", "time", "interrupt"] = "interrupt"  # until it ends
 
     @property
     def start(self) -> float:
@@ -177,15 +177,13 @@ class LimitSearch:
             trial = self._try(value)
             self._trials.append(trial)
             self._options.on_trial(trial)
-            self._out_of_time = trial.outcome == "out_of_time"
-            if self._out_of_time:
-                break
             try:
                 value = proposals.send(trial.counts)
             except StopIteration:
+                self._stopped_by = "time" if trial.outcome == "out_of_time" else ""
                 break
-            if self._remaining() <= 0:
-                self._out_of_time = True
+            if trial.outcome == "out_of_time" or self._remaining() <= 0:
+                self._stopped_by = "time"
                 break
         return self.result()
 
@@ -198,7 +196,7 @@ class LimitSearch:
             self.kind,
             direction,
             tuple(self._trials),
-            self._out_of_time,
+            self._stopped_by,
             time.monotonic() - self._begin,
         )
 

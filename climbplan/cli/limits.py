@@ -205,8 +205,7 @@ class _LimitRun:
             raise explain_no_limit(result)
         if with_report:
             progress.report("report", 0.0)
-        if with_report or result.trials[-1] is not self._best:
-            self.publish(result, with_report)
+        self.publish(result, with_report)
         return result
 
     def _report_partial(self) -> None:

@@ -95,7 +95,7 @@ def test_counts_stay_whole() -> None:
     ("passes", "direction", "limits"),
     [
         (lambda value: value <= 3, "largest", (3.0, 3.2)),
-        (lambda value: value >= 3, "smallest", (2.8, 3.0)),
+        (lambda value: value >= 3, "smallest", (2.8, 3.2)),
         (lambda value: 1 < value < 3, "largest", (2.8, 3.2)),
     ],
 )

@@ -91,6 +91,7 @@ def test_the_best_plan_survives_an_interrupt(
     assert done.code == 130
     answer = json.loads(done.out)
     assert (answer["status"], answer["value"], answer["plan"]) == ("interrupted", 34, "out/plan.h5")
+    assert answer["ended_by"] == "interrupt"
     folder = workplace / "out"
     assert {"plan.h5", "limits.csv", "limits.json"} <= {path.name for path in folder.iterdir()}
     assert json.loads((folder / "limits.json").read_text())["value"] == 34

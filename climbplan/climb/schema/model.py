@@ -348,6 +348,11 @@ class ClimbSpec(SpecModel):
         description="built-in robot (`silvia`), path of a robot YAML file, or a URDF with its legs "
         "(`{urdf: PATH, legs: {NAME: {toe: LINK}}}`)"
     )
+    forward: Literal["y"] = Field(
+        default="y",
+        description="world axis that points forward: always `y`, with x to the right; walks may "
+        "have it, too",
+    )
     terrain: TerrainSpec
     """Where toes may stand and what must not be touched."""
     task: TaskSpec

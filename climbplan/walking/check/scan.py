@@ -16,6 +16,7 @@ from climbplan.walking.task.task import WalkTask, WalkTrajectory
 
 _NOWHERE = -np.inf
 _UPRIGHT = 1e-12  # [m^2] level area of a triangle that is upright
+_POINT = 1e-9  # [m] length of a segment that is a point
 _SEARCH = 0.1  # [m] beyond the flatness, within which distances are measured
 
 
@@ -108,7 +109,8 @@ def _find_highest_surface(segments: Array, scan: RawSurface) -> Array:
     is_upright = np.abs(area) < _UPRIGHT
     highest = np.full(len(segments), _NOWHERE)
     shapes, owner = _build_shapes(corners, is_upright)
-    lines = shapely.linestrings(segments)
+    is_point = np.abs(segments[:, 0] - segments[:, 1]).max(axis=1) < _POINT
+    lines = np.where(is_point, shapely.points(segments[:, 0]), shapely.linestrings(segments))
     line, shape = shapely.STRtree(shapes).query(lines, predicate="intersects")
     pieces = shapely.intersection(lines[line], shapes[shape])
     points, piece = shapely.get_coordinates(pieces, return_index=True)

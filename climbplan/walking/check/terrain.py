@@ -107,7 +107,9 @@ def compute_clearance_height(ground: Ground, toes: Array, contact: BoolArray) ->
         return required
     lines = shapely.linestrings(np.array(segments))
     # Rounding must not put a toe at an edge outside of its region
-    rings = [_remove_duplicate_corners(corners) for corners in list_outlines(ground)]
+    rings = [
+        shapely.linearrings(_remove_duplicate_corners(corners)) for corners in list_outlines(ground)
+    ]
     shapes = shapely.buffer(shapely.polygons(rings), _ROUNDING, join_style="mitre")
     line, shape = shapely.STRtree(shapes).query(lines)
     pieces = shapely.intersection(lines[line], shapes[shape])

@@ -69,7 +69,7 @@ def _raise_cells(
     middle = origin + (index + 0.5) * cell
     places = corners[triangles]
     side = np.roll(places, -1, axis=1) - places  # (T, 3, 3)
-    area = np.cross(side[:, 0, :2], -side[:, 2, :2])
+    area = side[:, 0, 1] * side[:, 2, 0] - side[:, 0, 0] * side[:, 2, 1]
     is_upright = np.abs(area) < 1e-12
     turn = np.where(area < 0, -1.0, 1.0)[:, None]
     outward = turn[..., None] * np.stack([side[..., 1], -side[..., 0]], axis=-1)

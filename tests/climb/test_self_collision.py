@@ -56,12 +56,14 @@ def residuals(robot: Robot, angles: Array) -> Array:
     count = len(angles)
     com = np.random.default_rng(1).random((count, 3))
     axes = compute_body_axes(np.random.default_rng(2).uniform(-1, 1, (count, 3)))
-    points = build_limbs(robot, com, axes, angles).points
-    links = tuple(build_capsules(robot, com, axes, angles, points))
     parts = [build_hull("body", part) for part in robot.body_parts or (robot.body_hull,)]
-    return np.asarray(
-        -measure_part_clearances(robot, parts, links, com, axes).clearance.min(axis=1)
-    )
+    worst = []
+    for k in range(count):  # one at a time: of several poses the nearest alone is exact
+        pose = com[k : k + 1], axes[k : k + 1]
+        points = build_limbs(robot, *pose, angles[k : k + 1]).points
+        links = tuple(build_capsules(robot, *pose, angles[k : k + 1], points))
+        worst.append(-measure_part_clearances(robot, parts, links, *pose).clearance.min())
+    return np.array(worst)
 
 
 def coal_room(links: Capsules, p: int, one: tuple[int, int], other: tuple[int, int]) -> float:

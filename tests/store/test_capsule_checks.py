@@ -19,7 +19,11 @@ from climbplan.climb.check.convex import (
     build_hull,
     measure_chain_separation,
 )
-from climbplan.climb.check.distances import find_body_edges, measure_chain_distance
+from climbplan.climb.check.distances import (
+    find_body_edges,
+    measure_chain_distance,
+    measure_motion_distance,
+)
 from climbplan.climb.check.subject import build_subject
 from climbplan.climb.check.verification import verify
 from climbplan.climb.plan.file import write_climb
@@ -66,6 +70,22 @@ def test_bounds_settle_whether_there_is_enough_room(seed: int, enough: float) ->
     exact, bounded = (measure_chain_distance(chains, solid, e) for e in (np.inf, enough))
     assert (bounded <= exact + 1e-12).all()
     np.testing.assert_array_equal(bounded >= enough, exact >= enough)
+
+
+@settings(max_examples=15, deadline=None)
+@given(SEEDS, st.sampled_from([0.05, 0.3, np.inf]))
+def test_the_least_distance_of_a_motion_is_exact(seed: int, enough: float) -> None:
+    draw = np.random.default_rng(seed)
+    solid = body(draw)
+    phase = np.linspace(0.0, 3.0, 200)[:, None, None]
+    middle, swing = draw.uniform(-0.6, 0.6, (2, 2, 3))
+    segments = middle + swing * np.sin(phase + draw.uniform(0.0, 6.0, (2, 3)))
+    exact = measure_chain_distance(segments, solid, np.inf)[:, 0]
+    bounds = measure_motion_distance(segments, solid, enough)
+    assert (bounds <= exact + 1e-12).all()
+    assert (bounds >= min(exact.min(), enough) - 1e-12).all()
+    segments[70, 0, 1] = np.nan
+    assert np.isnan(measure_motion_distance(segments, solid, enough)[70])
 
 
 def test_a_point_is_a_segment_and_nan_stays() -> None:

@@ -23,7 +23,7 @@ from climbplan.arrays import Array
 from climbplan.climb.check.anew.capsules import Capsule
 from climbplan.climb.check.clearance import describe_clearance
 from climbplan.climb.check.convex import ConvexBody
-from climbplan.climb.check.distances import find_nearest_on_segment, measure_chain_distance
+from climbplan.climb.check.distances import find_nearest_on_segment, measure_motion_distance
 from climbplan.climb.check.subject import Subject
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
@@ -85,7 +85,7 @@ def judge_self_collision(
 class PartClearances:
     """Clearances between the parts of a robot in P poses."""
 
-    clearance: Array  # (P, Q) [m], below zero where they touch
+    clearance: Array  # (P, Q) [m], below zero where they touch; but for the least a lower bound
     radius: Array  # (Q,) [m] of the thicker link
     pairs: tuple[tuple[Capsule, Capsule | None], ...]  # (Q,) None: the body
 
@@ -148,7 +148,7 @@ def _measure_body_clearances(
         axis_in_body = np.einsum("pij,pej->pei", axes, axis - com[:, None])
         sufficient = radius + _REPORTED_CLEARANCE
         distance = np.min(
-            [measure_chain_distance(axis_in_body, b, sufficient)[:, 0] for b in body_parts], axis=0
+            [measure_motion_distance(axis_in_body, b, sufficient) for b in body_parts], axis=0
         )
         yield distance - radius, first_capsule.radius, (first_capsule, None)
 

@@ -114,36 +114,18 @@ def verify(path: Path, other_spec: HeldSpec | None = None) -> Verification:
 def verify_plan(plan: ClimbPlan, other_spec: HeldSpec | None = None) -> Verification:
     """Recompute all statements of a plan that was read already, as `verify` does.
 
-    A planner verifies what it returns, and its file is verified again. If the content is the same
-    bit for bit as that of the last verification in this process, its outcome is returned.
+    A planner verifies what it returns, and its file is verified again, with the worlds that were
+    sampled in between. What is the same bit for bit as in the last verification of this process is
+    not recomputed.
     """
-    if other_spec is not None:
-        return _run_verification(plan, other_spec)
-    global _last
-    try:
-        content = _compute_content_digest(plan)
-    except TypeError:  # it holds something without a digest
-        return _run_verification(plan, None)
-    last = _last  # read once: another thread may replace it
-    if last is None or last[0] != content:
-        last = _last = (content, _run_verification(plan, None))
-    return last[1]
-
-
-_last: tuple[bytes, Verification] | None = None  # digest and outcome of the last plan
-
-
-def _compute_content_digest(plan: ClimbPlan) -> bytes:
-    """Return the digest of a plan without its creation time, version and what no check reads."""
-    forces = replace(plan.forces, margin_share=None)
-    return compute_digest(replace(plan, created="", climbplan_version="", forces=forces))
-
-
-def _run_verification(plan: ClimbPlan, other_spec: HeldSpec | None) -> Verification:
-    # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
-    """Run all checks of a plan."""
+    # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn
     with np.errstate(all="ignore"):
-        checks = tuple(_generate_checks(plan, other_spec))
+        if other_spec is None:
+            checks = _recompute_unless_known(plan)
+        else:
+            checks = tuple(_generate_checks(plan, other_spec))
+        if not Verification(checks).unsound:
+            checks = (*checks, *check_risk(plan), *check_world_sample(plan))
         risk_summary = "" if plan.promise is None else plan.promise.words
         if not risk_summary and plan.sample is not None:
             risk_summary = plan.sample.stands
@@ -157,8 +139,40 @@ def _run_verification(plan: ClimbPlan, other_spec: HeldSpec | None) -> Verificat
         )
 
 
+_last: tuple[bytes, tuple[Check, ...]] | None = None  # digest of the last plan, and its checks
+
+
+def _recompute_unless_known(plan: ClimbPlan) -> tuple[Check, ...]:
+    """Return the checks of a plan without those of its risk, from the last verification if same."""
+    global _last
+    try:
+        content = _compute_content_digest(plan)
+    except TypeError:  # it holds something without a digest
+        return tuple(_generate_checks(plan, None))
+    last = _last  # read once: another thread may replace it
+    if last is None or last[0] != content:
+        last = _last = (content, tuple(_generate_checks(plan, None)))
+    return last[1]
+
+
+def _compute_content_digest(plan: ClimbPlan) -> bytes:
+    """Return the digest of a plan without what `_generate_checks` does not read."""
+    checked = replace(
+        plan,
+        created="",
+        climbplan_version="",
+        timings={},
+        warnings=(),
+        forces=replace(plan.forces, margin_share=None, notes=()),
+        looks=None,
+        promise=None,
+        sample=None,
+    )
+    return compute_digest(checked)
+
+
 def _generate_checks(plan: ClimbPlan, other_spec: HeldSpec | None) -> Iterator[Check]:
-    """Yield the checks in order; unsound data end the sequence."""
+    """Yield the checks but those of risk, in order; unsound data end the sequence."""
     yield check_spec_hash(plan)
     finite = check_finite(plan.not_finite)
     yield finite
@@ -181,8 +195,6 @@ def _generate_checks(plan: ClimbPlan, other_spec: HeldSpec | None) -> Iterator[C
     yield from check_postures(subject)
     yield from check_forces(subject)
     yield from check_statics(subject, read_margins(plan))
-    yield from check_risk(plan)
-    yield from check_world_sample(plan)
     yield from check_clearance(subject)
     yield check_self_collision(subject)
     yield from check_feet(subject)

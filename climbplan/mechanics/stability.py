@@ -119,14 +119,10 @@ def stiffness_lost_matrices(body: BracedBody, rows: IntArray) -> Array:
     (1 - t) 1 - sum M f is positive semidefinite.
     """
     limbs = body.arms.shape[1]
-    matrices = np.empty((len(rows), limbs, 3, 6, 6))
-    selected = BracedBody(*(value[rows] for value in vars(body).values()))
-    for limb in range(limbs):
-        for axis in range(3):
-            unit = np.zeros_like(selected.arms)
-            unit[:, limb, axis] = 1.0
-            matrices[:, limb, axis] = -relative_stiffness(selected, unit)
-    return matrices
+    # All unit forces at once, each on a copy of the body
+    units = np.tile(np.eye(3 * limbs).reshape(-1, limbs, 3), (len(rows), 1, 1))
+    selected = BracedBody(*(np.repeat(v[rows], 3 * limbs, axis=0) for v in vars(body).values()))
+    return -relative_stiffness(selected, units).reshape(len(rows), limbs, 3, 6, 6)
 
 
 def relative_stiffness(body: BracedBody, force: Array) -> Array:

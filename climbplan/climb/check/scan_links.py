@@ -96,19 +96,21 @@ def judge_scan_links(
 
 
 def _find_unique_poses(capsule: Capsule, contacts: PoseFootholds) -> tuple[IntArray, IntArray]:
-    """Return poses (K,) that differ in a capsule or its contacts, and each pose's index (P,)."""
+    """Return poses (K,) before which a capsule or its contacts change, and each pose's index (P,).
+
+    A limb that stands while another swings is in one pose for many samples.
+    """
     limb = capsule.limb
-    contact_features = np.concatenate([contacts.places[:, limb], contacts.normals[:, limb]], axis=1)
-    features = np.hstack(
-        [capsule.starts, capsule.ends, contact_features.reshape(len(contact_features), -1)]
-    )
-    features = np.where(np.isnan(features), np.inf, features)  # as that all are alike
-    _, first, inverse = np.unique(features, axis=0, return_index=True, return_inverse=True)
-    # In the order of motion, in which neighbours are near each other
-    order = np.argsort(first)
-    rank = np.empty(len(first), np.int64)
-    rank[order] = np.arange(len(first))
-    return np.asarray(first[order], np.int64), rank[inverse.reshape(-1)]
+    places, normals = contacts.places[:, limb], contacts.normals[:, limb]
+    return _find_changes(capsule.starts, capsule.ends, places, normals)
+
+
+def _find_changes(*features: Array) -> tuple[IntArray, IntArray]:
+    """Return rows (K,) that differ from those before in an array (P, ...), and the latest (P,)."""
+    flat = np.hstack([values.reshape(len(values), -1) for values in features])
+    flat = np.where(np.isnan(flat), np.inf, flat)  # as that all are alike
+    is_new = np.append(True, (flat[1:] != flat[:-1]).any(axis=1))
+    return np.flatnonzero(is_new), np.cumsum(is_new) - 1
 
 
 def _measure_axis_clearance(capsule: Capsule, contacts: PoseFootholds, scan: RawSurface) -> Array:
@@ -146,13 +148,15 @@ def _measure_end_shortfall(capsule: Capsule, contacts: PoseFootholds, scan: RawS
     end = _cut_limb_end(capsule, scan)
     cuts = end.cuts
     places, normals = contacts.places[:, capsule.limb], contacts.normals[:, capsule.limb]
-    contact_features = np.concatenate([places, normals], axis=1).reshape(len(cuts), -1)
+    changes, latest = _find_changes(places, normals)
+    contact_features = np.concatenate([places, normals], axis=1)[changes].reshape(len(changes), -1)
     groups, member = np.unique(
         np.nan_to_num(contact_features, nan=np.inf), axis=0, return_inverse=True
     )
+    member = member.reshape(-1)[latest]
     shortfall = np.full(len(cuts), -REPORTED_CLEARANCE)
     for group in range(len(groups)):
-        rows = np.flatnonzero(member.reshape(-1) == group)
+        rows = np.flatnonzero(member == group)
         rows = rows[np.isfinite(cuts[rows]).all(axis=(1, 2))]
         if not len(rows):
             continue

@@ -169,10 +169,13 @@ class NoPlanFound(ClimbplanError):
     sentence also names the nearest change of the spec that helps, if one is known.
 
     stage: where it ended ("posture", "force", ...). remedies: beside those of the conflicts.
+    partial: what was planned of the way to the goal before the search ended, if anything.
+    `climbplan.plan` makes it a plan.
     """
 
     exit_code = ExitCode.LIMIT
     status = "limit"  # as `--json` reports it
+    partial: object = None
 
     def __init__(
         self,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from climbplan.api.mistakes import placed_mistakes
-from climbplan.errors import UsageError
+from climbplan.errors import NoPlanFound, UsageError
 from climbplan.progress import Progress
 from climbplan.schema.loaded import LoadedSpec
 
@@ -58,7 +58,7 @@ def run_planner(loaded: object, options: PlanningOptions | None = None) -> Plann
     Raises:
         SpecError: planning found a mistake in the spec; it has the line.
         UsageError: no plan is made from specs of this kind.
-        NoPlanFound: no plan exists, or none was found.
+        NoPlanFound: no plan exists, or none was found; its `partial` is a `PlannedResult` or None.
     """
     spec = getattr(loaded, "spec", None)
     by_kind = _MAKERS.get(getattr(spec, "kind", ""))
@@ -72,6 +72,7 @@ def run_planner(loaded: object, options: PlanningOptions | None = None) -> Plann
 
 
 def _climb(loaded: LoadedClimb, options: PlanningOptions) -> PlannedResult:
+    from climbplan.climb.plan.climb_plan import ClimbPlan
     from climbplan.climb.plan.file import write_climb
     from climbplan.climb.planner.planner import plan_climb
 
@@ -80,20 +81,25 @@ def _climb(loaded: LoadedClimb, options: PlanningOptions) -> PlannedResult:
             climb, report=options.progress, jobs=options.jobs, save_model=options.save_model
         )
 
-    if loaded.spec.risk is None:
-        climb_plan = _in_sampled_worlds(plan(loaded), loaded, options)
-    else:
+    def describe(climb_plan: ClimbPlan) -> PlannedResult:
+        return PlannedResult(
+            climb_plan.summary,
+            climb_plan.warnings,
+            climb_plan.status,
+            lambda path: write_climb(climb_plan, path),
+        )
+
+    try:
+        if loaded.spec.risk is None:
+            return describe(_in_sampled_worlds(plan(loaded), loaded, options))
         from climbplan.climb.simulation.risk.planning import Execution, plan_with_risk
 
-        climb_plan = plan_with_risk(
-            loaded, plan, type(loaded).with_overrides, Execution(options.jobs, options.progress)
-        )
-    return PlannedResult(
-        climb_plan.summary,
-        climb_plan.warnings,
-        climb_plan.status,
-        lambda path: write_climb(climb_plan, path),
-    )
+        execution = Execution(options.jobs, options.progress)
+        return describe(plan_with_risk(loaded, plan, type(loaded).with_overrides, execution))
+    except NoPlanFound as error:
+        if isinstance(error.partial, ClimbPlan):
+            error.partial = describe(error.partial)
+        raise
 
 
 def _transition(loaded: LoadedTransition, options: PlanningOptions) -> PlannedResult:

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.api.loading import SpecSource, load_spec, override_spec
-from climbplan.api.making import PlanningOptions, run_planner
+from climbplan.api.making import PlannedResult, PlanningOptions, run_planner
 from climbplan.api.plan import Folder, Plan, load_plan
 from climbplan.api.plan_path import PLAN_FILE
 from climbplan.deprecation import renamed_parameters
-from climbplan.errors import VerificationFailed
+from climbplan.errors import NoPlanFound, VerificationFailed
 from climbplan.progress import Progress
 from climbplan.schema.loaded import LoadedSpec
 
@@ -51,7 +51,7 @@ def plan(
         LimitReached: a limit was reached before a plan was found (4).
         VerificationFailed: a plan was found and fails its verification, or its data are
             implausible (5); `.plan` has it. The errors of codes 3 and 4 have `.conflicts` and
-            `.remedies`.
+            `.remedies`, and as `.partial` the plan of the part of the way that was found, if any.
     """
     options = {"solver.method": method, "seed": seed, "solver.time_limit": time_limit}
     changes = {**(overrides or {}), **{k: v for k, v in options.items() if v is not None}}
@@ -86,9 +86,19 @@ def plan_and_verify(loaded: object, options: PlanningOptions) -> VerifiedPlan:
     Raises:
         SpecError: planning found a mistake in the spec.
         UsageError: no plan is made from specs of this kind.
-        NoPlanFound: no plan exists, or none was found.
+        NoPlanFound: no plan exists, or none was found; its `partial` is a `Plan` or None.
     """
-    result = run_planner(loaded, options)
+    try:
+        result = run_planner(loaded, options)
+    except NoPlanFound as error:
+        if isinstance(error.partial, PlannedResult):
+            error.partial = _write_and_verify(error.partial).plan
+        raise
+    return _write_and_verify(result)
+
+
+def _write_and_verify(result: PlannedResult) -> VerifiedPlan:
+    """Write and verify what a planner made."""
     folder = Folder()
     path = folder.path / PLAN_FILE
     result.write(path)

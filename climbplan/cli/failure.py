@@ -7,6 +7,7 @@ import errno
 import math
 import os
 import signal
+from pathlib import Path
 from typing import Any
 
 from climbplan.errors import (
@@ -42,7 +43,8 @@ _MEANINGS: dict[int, tuple[str, str]] = {
 def failure_fields(error: BaseException | None, code: int, stage: str) -> dict[str, Any]:
     """Return `status`, `stage`, `message`, `conflict` and `remedies` of a failure for JSON.
 
-    Specs with mistakes also have `mistakes`; failures that prove nothing have their `because`.
+    Specs with mistakes also have `mistakes`; failures that prove nothing have their `because`, and
+    where part of the way was planned, `partial` is the path of that plan.
 
     Args:
         error: the exception that ended the run; None if only the exit code is known.
@@ -61,6 +63,8 @@ def failure_fields(error: BaseException | None, code: int, stage: str) -> dict[s
         conflicts, remedies = error.conflicts, error.remedies
         if isinstance(error, Unresolved):
             details["because"] = error.because
+        if isinstance(error.partial, Path):
+            details["partial"] = str(error.partial)
     elif hasattr(error, "format_message"):
         stage = "arguments"
     elif isinstance(error, SpecError):

@@ -35,6 +35,7 @@ RESULTS = (
     "regulator.npz",
     "instances.csv",
 )
+PARTIAL_PLAN = "partial.h5"  # of a run that planned part of the way
 _AT_FDCWD = -100
 _RENAME_EXCHANGE = 2
 _ENVIRONMENT = (
@@ -97,13 +98,27 @@ class OutputDirectory:
         """Sync all files to disk and put them at `target` in one step."""
         try:
             _sync_tree(self.path)
-            if self.force and self._final.exists() and any(self._final.iterdir()):
+            if self._final.exists() and (self.force or self._holds_partial_plan_alone()):
                 self._replace_existing()
             else:
                 self.path.rename(self._final)
             _sync(self._final.parent)
         except OSError as error:
             raise self._cannot_write(error) from error
+
+    def publish_beside(self, name: str) -> Path:
+        """Put one file of a failed run at `target`, beside what is there; return its path."""
+        try:
+            _sync(self.path / name)
+            self._final.mkdir(exist_ok=True)
+            (self.path / name).replace(self._final / name)
+            _sync(self._final)
+        except OSError as error:
+            raise self._cannot_write(error) from error
+        return self.target / name
+
+    def _holds_partial_plan_alone(self) -> bool:
+        return [entry.name for entry in self._final.iterdir()] == [PARTIAL_PLAN]
 
     def _replace_existing(self) -> None:
         if exchange(self.path, self._final):
@@ -124,7 +139,7 @@ class OutputDirectory:
             return
         if not final.is_dir():
             raise UsageError(f"{self.target}: is a file, expected a directory")
-        if not any(final.iterdir()):
+        if not any(final.iterdir()) or self._holds_partial_plan_alone():
             return
         finished = any((final / name).exists() for name in RESULTS)
         if not finished:

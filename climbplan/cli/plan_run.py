@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from climbplan.api.kinds import identify_kind
 from climbplan.api.plan_path import PLAN_FILE
 from climbplan.cli.console import Invocation, print_json, print_result, warn
-from climbplan.cli.output_directory import OutputDirectory
+from climbplan.cli.output_directory import PARTIAL_PLAN, OutputDirectory
 from climbplan.cli.progress import StageProgress
 from climbplan.cli.verify_line import (
     format_level,
@@ -21,7 +21,7 @@ from climbplan.cli.verify_line import (
     format_verification,
     warn_of_implausible,
 )
-from climbplan.errors import VerificationFailed
+from climbplan.errors import NoPlanFound, VerificationFailed
 
 if TYPE_CHECKING:
     from climbplan.api.making import PlannedResult
@@ -37,7 +37,7 @@ class PlanRun:
 
     session: Invocation
     target: Path  # where they appear
-    directory: Path  # where they are written
+    output: OutputDirectory  # where they are written
     report: Callable[[str, float], None]  # progress: stage, share that is done
     with_figures: bool  # whether page and figures are wanted
     _failure: str = field(default="", init=False)  # why the plan must not be used
@@ -47,18 +47,33 @@ class PlanRun:
     ) -> PlannedResult:
         """Run the planner of a spec, write and verify the plan, and print what it reports."""
         # Planners and solvers take a second to import: not before all paths are known to be good
-        from climbplan.api.making import PlanningOptions, run_planner
+        from climbplan.api.making import PlannedResult, PlanningOptions, run_planner
 
-        result = run_planner(loaded, PlanningOptions(self.report, jobs, save_model, warn))
+        try:
+            result = run_planner(loaded, PlanningOptions(self.report, jobs, save_model, warn))
+        except NoPlanFound as error:
+            if isinstance(error.partial, PlannedResult):
+                error.partial = self._write_partial(error.partial)
+            raise
         self._finish(result)
         return result
 
+    def _write_partial(self, result: PlannedResult) -> Path:
+        """Write and verify the plan of a part of the way; return its path."""
+        plan_file = self.output.path / PARTIAL_PLAN
+        result.write(plan_file)
+        verification = identify_kind(plan_file).load_verifier()(plan_file)
+        path = self.output.publish_beside(PARTIAL_PLAN)
+        outcome = verification.objection or "passed its verification"
+        self.session.note(f"{result.warnings[0]}; it {outcome}: {path}")
+        return path
+
     def _finish(self, result: PlannedResult) -> None:
         self.report("verify", 0.0)  # ends the planner's bar before lines are printed
-        plan_file = self.directory / PLAN_FILE
+        plan_file = self.output.path / PLAN_FILE
         result.write(plan_file)
         if result.write_beside is not None:
-            result.write_beside(self.directory)
+            result.write_beside(self.output.path)
         kind = identify_kind(plan_file)
         verify_and_mark = kind.load_verifier()
         start = time.perf_counter()
@@ -75,7 +90,7 @@ class PlanRun:
         self.session.note(format_level(verification))
         self.report("report", 0.0)
         write_report = kind.write_report if self.with_figures else kind.write_values
-        write_report(plan_file, self.directory, verification)
+        write_report(plan_file, self.output.path, verification)
         self._failure = verification.objection
 
     def hand_over(self, as_json: bool) -> None:
@@ -107,5 +122,5 @@ def plan_run(
     target = out if out is not None else Path("outputs", loaded.name)
     with OutputDirectory(target, force=force) as directory:
         with StageProgress(session) as progress:
-            yield PlanRun(session, target, directory.path, progress.report, report)
+            yield PlanRun(session, target, directory, progress.report, report)
         directory.publish()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import NoReturn
 
 import numpy as np
 
@@ -14,18 +13,18 @@ from climbplan.climb.contact_search.suitability import find_obstacle_to_method
 from climbplan.climb.forces.planner import plan_forces
 from climbplan.climb.gait.instants import build_instants, compute_joint_angles
 from climbplan.climb.motion.motion import ClimbMotion, StageClock, SupportedMotion
+from climbplan.climb.motion.open_rounds import OpenRoundsMotion, PartialClimb
 from climbplan.climb.plan.climb_plan import Instants, Rounds
 from climbplan.climb.postures.cost_bound import bound_posture_cost
 from climbplan.climb.postures.planner import PostureResult
-from climbplan.climb.scene.climb_scene import ClimbScene
+from climbplan.climb.scene.climb_scene import ClimbScene, ClimbStance
 from climbplan.climb.windows.window_scenes import replace_rounds
-from climbplan.climb.windows.windows import WindowedMotion
-from climbplan.errors import LimitReached, Unresolved, UsageError
+from climbplan.errors import LimitReached, NoPlanFound, Unresolved, UsageError
 
 
 def plan_by_contact_search(
     scene: ClimbScene, clock: StageClock, deadline: float, max_moves: float = np.inf
-) -> WindowedMotion:
+) -> OpenRoundsMotion:
     """Plan footholds, body poses and swings along a guide path, then the forces of all instants.
 
     Args:
@@ -36,17 +35,26 @@ def plan_by_contact_search(
 
     Raises:
         UsageError: The method cannot state the scene.
-        Unresolved: No sequence of footholds was found; the message says how far it came.
-        LimitReached: The time limit or the number of moves was reached.
+        Unresolved: No sequence of footholds was found; the message says how far it came, and
+            `partial` has what was found.
+        LimitReached: The time limit or the number of moves was reached, likewise.
         NoForces: Some instants have no admissible forces.
     """
     if (obstacle := find_obstacle_to_method(scene)) is not None:
         raise UsageError(f"method contact-search plans {obstacle}")
     with clock.stage("posture"):
         guide = build_guide_path(scene)
-        result = FootholdSearch(scene, guide).run(deadline, max_moves)
+        search = FootholdSearch(scene, guide)
+        result = search.run(deadline, max_moves)
         if not result.is_complete:
-            _raise_failure(result, guide.length)
+            failure = _build_failure(result, guide.length)
+            failure.partial = _keep_part(search, result, clock)
+            raise failure
+    return _plan_motion(scene, result, clock)
+
+
+def _plan_motion(scene: ClimbScene, result: SearchResult, clock: StageClock) -> OpenRoundsMotion:
+    """Plan instants and forces of the rounds found, in a scene whose goal they reach."""
     whole_scene = replace_rounds(scene, len(result.rounds) - 1)
     with clock.stage("kinematics"):
         rounds = _collect_rounds(result)
@@ -56,11 +64,31 @@ def plan_by_contact_search(
     with clock.stage("force"):
         forces = plan_forces(whole_scene, instants)
     motion = ClimbMotion(posture, instants, (), swings)
-    return WindowedMotion(whole_scene, SupportedMotion(motion, forces))
+    return OpenRoundsMotion(whole_scene, SupportedMotion(motion, forces))
 
 
-def _raise_failure(result: SearchResult, length: float) -> NoReturn:
-    """Raise the error of a search that did not reach the goal."""
+def _keep_part(
+    search: FootholdSearch, result: SearchResult, clock: StageClock
+) -> PartialClimb | None:
+    """Return the rounds of a search that ended early, up to one at whose end the body can rest."""
+    count = len(result.rounds)
+    while count > 1 and not search.can_rest(result.rounds[count - 1]):
+        count -= 1
+    if count == 1:
+        return None
+    part = replace(result, rounds=result.rounds[:count])
+    last = part.rounds[-1]
+    return PartialClimb(
+        end=ClimbStance(last.base.com, last.base.rpy, last.standing.toes, last.standing.region),
+        num_rounds=count - 1,
+        covered=last.covered,
+        length=search.guide.length,
+        build=lambda scene: _plan_motion(scene, part, clock),
+    )
+
+
+def _build_failure(result: SearchResult, length: float) -> NoPlanFound:
+    """Return the error of a search that did not reach the goal."""
     covered = result.rounds[-1].covered
     message = (
         f"contact search: footholds for {covered:.2f} of {length:.2f} m, in "
@@ -70,9 +98,9 @@ def _raise_failure(result: SearchResult, length: float) -> NoReturn:
         message += f"; the next fails: {result.stopped_by}"
     if result.ran_out:
         limit = "the time limit" if result.ran_out == "time" else f"{result.num_checked} moves"
-        raise LimitReached(f"{message}; ended by {limit}", stage="posture")
+        return LimitReached(f"{message}; ended by {limit}", stage="posture")
     reason = "footholds near the nominal ones were tried along one path of the body"
-    raise Unresolved(message, because=reason, stage="posture")
+    return Unresolved(message, because=reason, stage="posture")
 
 
 def _collect_rounds(result: SearchResult) -> Rounds:

@@ -118,6 +118,14 @@ class FootholdSearch:
                 return SearchResult(rounds, self.num_checked, True, "", "")
         return SearchResult(tuple(furthest), self.num_checked, False, stopped_by, ran_out)
 
+    def can_rest(self, planned: PlannedRound) -> bool:
+        """Return whether the body can go on to its place on the guide path and end there."""
+        try:
+            self.checker.check_way(planned.standing, planned.base)
+        except MoveRejected:
+            return False
+        return True
+
     def _list_advances(self, planned: PlannedRound) -> list[float]:
         """Return the advances [m] to try after a round, without those that are the same."""
         longest = self._find_longest_advance(planned.covered)

@@ -11,7 +11,7 @@ from climbplan.store.hdf5_layout import DatasetLayout
 FORMATS = {"climb": "climbplan/climb", "transition": "climbplan/transition"}
 FORMAT = FORMATS["climb"]
 FORMAT_VERSION = 1
-STATUSES = ("optimal", "feasible", "infeasible", "limit")
+STATUSES = ("optimal", "feasible", "infeasible", "limit", "partial")
 
 ROBOT = {
     "shoulder_body": DatasetLayout(("N", 3), "m", "body"),

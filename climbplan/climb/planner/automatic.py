@@ -14,6 +14,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 from climbplan.climb.check.verification import verify_plan
+from climbplan.climb.motion.open_rounds import PartialClimb
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner.trials import (
     MethodVariant,
@@ -94,6 +95,9 @@ class NoTrialSucceeded(Unresolved):
         super().__init__("\n".join(lines), because=reason, stage=first.stage, remedies=remedies)
         self.conflicts = [replace(c, remedies=()) for c in first.conflicts]
         self.tried = tuple(failed_trials)
+        found = [failure.error.partial for failure in failed_trials]
+        parts = [part for part in found if isinstance(part, PartialClimb)]
+        self.partial = max(parts, key=lambda part: part.covered / part.length, default=None)
 
 
 _MAX_CONFLICTS = 6  # conflicts of the first trial

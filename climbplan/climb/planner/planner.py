@@ -5,29 +5,40 @@ Equation and chapter numbers are those of X. Lin (UCLA 2022).
 
 from __future__ import annotations
 
+import logging
 import time
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from climbplan.arrays import Array
 from climbplan.climb.motion.in_hand import plan_with_torque_reserve
 from climbplan.climb.motion.motion import ClimbMotion, StageClock, plan_motion, plan_support
+from climbplan.climb.motion.open_rounds import OpenRoundsMotion, PartialClimb
 from climbplan.climb.plan.climb_plan import ClimbPlan, InstantForces, StepLimits, Trajectory
 from climbplan.climb.planner.start_from_plan import resolve_start_plan
 from climbplan.climb.planner.summary import format_summary
 from climbplan.climb.planner.visual_geometry import load_visual_geometry
-from climbplan.climb.scene.climb_scene import ClimbScene, MotionScene, apply_scan, build_scene
+from climbplan.climb.scene.climb_scene import (
+    ClimbScene,
+    ClimbStance,
+    MotionScene,
+    apply_scan,
+    build_scene,
+)
 from climbplan.climb.scene.within_reach import select_window
 from climbplan.climb.schema.loading import LoadedClimb
 from climbplan.climb.schema.model import ClimbSpec
-from climbplan.errors import NoPlanFound, Unresolved, UsageError
+from climbplan.errors import NoPlanFound, SpecError, Unresolved, UsageError
 from climbplan.progress import Progress
 from climbplan.robots.any_robot import list_assumptions
 from climbplan.schema.overrides import Override
 from climbplan.schema.robots.stored import collect_robot_texts
+from climbplan.terrain.surfaces import Region
 
 _SEARCH = "contact-search"
+_log = logging.getLogger(__name__)
 
 
 def plan_climb(
@@ -52,6 +63,8 @@ def plan_climb(
         Unresolved: No plan was found, which proves nothing.
         ReachFailure: A limb cannot reach its toe.
         LimitReached: A time or node limit ended the search.
+
+        Where part of the way was planned, `partial` of the error is a `ClimbPlan`.
     """
     clock = StageClock(report or (lambda stage, fraction: None))
     begin = time.monotonic()
@@ -68,22 +81,27 @@ def plan_climb(
         return plan_by_method(climb, clock, deadline, model_path, nodes)
 
     limit = loaded.spec.solver.time_limit
-    if loaded.spec.solver.method == "auto":
-        from climbplan.climb.planner.automatic import plan_automatically
+    try:
+        if loaded.spec.solver.method == "auto":
+            from climbplan.climb.planner.automatic import plan_automatically
 
-        plan = plan_automatically(loaded, build_scene_of_spec, plan_until)
-    else:
-        try:
-            plan = plan_until(loaded, begin + limit)
-        except NoPlanFound as error:
-            from climbplan.climb.planner.proof import PROOF_TIME_FRACTION, prove_infeasibility
+            plan = plan_automatically(loaded, build_scene_of_spec, plan_until)
+        else:
+            try:
+                plan = plan_until(loaded, begin + limit)
+            except NoPlanFound as error:
+                from climbplan.climb.planner.proof import PROOF_TIME_FRACTION, prove_infeasibility
 
-            # What a method cannot do proves nothing; a proof is worth more than what it says
-            end = time.monotonic() + PROOF_TIME_FRACTION * limit
-            proof = prove_infeasibility(build_scene_of_spec(loaded.spec), end, nodes)
-            if proof is None:
-                raise
-            raise proof from error
+                # What a method cannot do proves nothing; a proof is worth more than what it says
+                end = time.monotonic() + PROOF_TIME_FRACTION * limit
+                proof = prove_infeasibility(build_scene_of_spec(loaded.spec), end, nodes)
+                if proof is None:
+                    raise
+                raise proof from error
+    except NoPlanFound as error:
+        if isinstance(error.partial, PartialClimb):
+            error.partial = _complete_partial_plan(error.partial, clock)
+        raise
     if loaded.spec.study is not None:
         from climbplan.climb.planner.study import run_study
 
@@ -122,19 +140,73 @@ def plan_by_method(
     window_size = select_window(scene)
     if save_model is not None and (window_size is not None or spec.solver.method == _SEARCH):
         raise UsageError("--save-model writes one mixed-integer program: plan without windows")
-    if spec.solver.method == _SEARCH:
-        from climbplan.climb.contact_search.planner import plan_by_contact_search
+    try:
+        if spec.solver.method == _SEARCH:
+            from climbplan.climb.contact_search.planner import plan_by_contact_search
 
-        searched = plan_by_contact_search(scene, clock, deadline, nodes)
-        scene, supported = searched.scene, searched.supported
-    elif window_size is None:
-        motion = plan_motion(scene, clock, save_model, deadline, nodes=nodes)
-        supported = plan_support(scene, motion, clock, deadline, nodes)
-    else:
-        from climbplan.climb.windows.windows import plan_in_windows
+            planned = plan_by_contact_search(scene, clock, deadline, nodes)
+        elif window_size is None:
+            motion = plan_motion(scene, clock, save_model, deadline, nodes=nodes)
+            planned = OpenRoundsMotion(scene, plan_support(scene, motion, clock, deadline, nodes))
+        else:
+            from climbplan.climb.windows.windows import plan_in_windows
 
-        windowed = plan_in_windows(scene, window_size, clock, deadline)
-        scene, supported = windowed.scene, windowed.supported
+            planned = plan_in_windows(scene, window_size, clock, deadline)
+    except NoPlanFound as error:
+        if isinstance(error.partial, PartialClimb):
+            footholds = _find_surface_points(scene, error.partial.end)
+            error.partial = replace(error.partial, loaded=loaded, footholds=footholds)
+        raise
+    return _time_motion(loaded, planned, clock, assumed)
+
+
+def _find_surface_points(scene: ClimbScene, stance: ClimbStance) -> Array:
+    """Return the points (N, 3) of the surfaces below the toes, as a spec states them."""
+    points = stance.toes.copy()
+    for limb, region in enumerate(stance.region):
+        surface = scene.terrain.surfaces[int(region)]
+        if isinstance(surface, Region):
+            points[limb] -= surface.standoff * surface.normal
+    return points
+
+
+def _complete_partial_plan(part: PartialClimb, clock: StageClock) -> ClimbPlan | None:
+    """Return what was found before a search ended, as the plan of a nearer goal; None if it fails.
+
+    Clearance and forces are those of the whole part, which the search has not looked at.
+    """
+    loaded = part.loaded
+    assert loaded is not None
+    assert part.footholds is not None
+    names = loaded.robot.limb_names
+    goal = {
+        "com": part.end.com.tolist(),
+        "rpy_deg": np.rad2deg(part.end.rpy).tolist(),
+        "toes": {name: toe.tolist() for name, toe in zip(names, part.footholds, strict=True)},
+    }
+    overrides = [Override.of(f"task.goal.{key}", goal[key], "partial plan") for key in goal]
+    try:
+        nearer = loaded.with_overrides(overrides)
+        scene = build_scene(nearer.spec, nearer.robot, nearer.source, nearer.directory)
+        planned = part.build(scene)
+        plan = _time_motion(
+            nearer, planned, clock, list_assumptions(nearer.robot, planned.scene.robot)
+        )
+    except (NoPlanFound, SpecError) as failure:
+        _log.info("partial   %s", failure)
+        return None
+    note = (
+        f"partial: {part.covered:.2f} of {part.length:.2f} m of the way to the goal, in "
+        f"{part.num_rounds} rounds; the goal in the plan's spec is where it ends"
+    )
+    return replace(plan, status="partial", warnings=(note, *plan.warnings))
+
+
+def _time_motion(
+    loaded: LoadedClimb, planned: OpenRoundsMotion, clock: StageClock, assumed: tuple[str, ...]
+) -> ClimbPlan:
+    """Return the plan of a motion, with its trajectory."""
+    spec, scene, supported = loaded.spec, planned.scene, planned.supported
     if spec.task.rounds == "auto":
         # As with a start from another plan, the text says what was chosen
         count = str(scene.spec.task.round_count)

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import itertools
 import logging
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array
+from climbplan.climb.scene.ground_way import follow_ground
 from climbplan.climb.schema.loading import LoadedClimb
 from climbplan.climb.schema.motion import MotionSpec
 from climbplan.climb.schema.transition import TransitionSpec
@@ -87,13 +90,25 @@ def fit_scan(loaded: Loaded) -> Loaded:
     summary = (
         f"{len(reachable)} contact regions within reach, {sum(r.area for r in reachable):.3g} m^2"
     )
-    return _add_regions(loaded, scan, raw, regions, summary)
+    ground_way = follow_ground(
+        guide[0], guide[-1], reachable, float(np.ptp(robot.stance_body[:, 1])) / 2
+    )
+    return _add_regions(loaded, scan, raw, regions, summary, ground_way)
 
 
 def _add_regions(
-    loaded: Loaded, scan: ScanSpec, raw: RawScan, regions: list[dict[str, object]], summary: str
+    loaded: Loaded,
+    scan: ScanSpec,
+    raw: RawScan,
+    regions: list[dict[str, object]],
+    summary: str,
+    other_way: Array | None = None,
 ) -> Loaded:
-    """Return the spec with regions added to its own, and free space if it states none."""
+    """Return the spec with regions added to its own, and free space if it states none.
+
+    Where the straight way is not free and no points to pass are stated, those of another way (P, 3)
+    are, if that is free.
+    """
     _log.info("scan      %s", summary, extra={"note": True})
     stated_regions: list[dict[str, object]] = [
         r.model_dump(mode="json", exclude_unset=True) for r in loaded.spec.terrain.regions
@@ -104,10 +119,24 @@ def _add_regions(
         Override.of("terrain.scan.fit", False, summary),
     ]
     if not loaded.spec.terrain.free_regions:
-        spaces = [
-            _build_space_spec(n, s) for n, s in enumerate(_find_free_spaces(loaded, raw), start=1)
-        ]
-        changes.append(Override.of("terrain.free_regions", spaces, summary))
+        spaces = _inflate_free_spaces(loaded, raw, build_guide(loaded.spec))
+        blocked = _find_blocked_place(spaces)
+        if blocked is not None and other_way is not None and not scan.guide:
+            spaces = _inflate_free_spaces(loaded, raw, other_way, is_inclined=True)
+            if _find_blocked_place(spaces) is None:
+                blocked = None
+                points = other_way[1:-1].round(4).tolist()
+                changes.append(Override.of(f"{_SCAN_KEY}.guide", points, "along the ground"))
+        if blocked is not None:
+            place = ", ".join(f"{v:.2f}" for v in blocked)
+            raise _build_spec_error(
+                loaded,
+                _SCAN_KEY,
+                f"the body's way from start to goal meets the scan near ({place}); expected a way "
+                f"that is free: another `task.goal.com`, or points to pass in `{_SCAN_KEY}.guide`",
+            )
+        free_regions = [_build_space_spec(n, space) for n, space in enumerate(spaces, start=1)]
+        changes.append(Override.of("terrain.free_regions", free_regions, summary))
     return loaded.with_overrides(changes)
 
 
@@ -296,27 +325,38 @@ def _build_region_spec(number: int, region: FoundRegion, scan: ScanSpec) -> dict
     return region_spec
 
 
-def _find_free_spaces(
-    loaded: LoadedClimb | LoadedTransition, raw: RawScan
+def _find_blocked_place(spaces: Sequence[ConvexFreeRegion]) -> Array | None:
+    """Return the first place (3,) where the body does not pass; None where it passes."""
+    blocked = (s for s in spaces if s.min_clearance <= 0 or len(s.vertices) < 4)
+    return next((space.place for space in blocked), None)
+
+
+def _inflate_free_spaces(
+    loaded: LoadedClimb | LoadedTransition, raw: RawScan, guide: Array, is_inclined: bool = False
 ) -> list[ConvexFreeRegion]:
-    """Return free space along the path; raise SpecError where the body does not pass."""
-    spec, guide, robot = loaded.spec, build_guide(loaded.spec), build_robot(loaded.robot)
+    """Return free space along the pieces of a path (P, 3), with the body inclined as they rise."""
+    spec, robot = loaded.spec, build_robot(loaded.robot)
     hulls = [
         robot.body_hull @ rotation_world_body(np.deg2rad(rpy)).T
         for rpy in (spec.task.start.rpy_deg, spec.task.goal.rpy_deg)
     ]
     hull = np.concatenate(hulls) if not np.allclose(hulls[0], hulls[1]) else hulls[0]
-    spaces = [inflate_free_space(ends, hull, raw.corners) for ends in split_path(guide)]
-    for space in spaces:
-        if space.min_clearance <= 0 or len(space.vertices) < 4:
-            place = ", ".join(f"{v:.2f}" for v in space.place)
-            raise _build_spec_error(
-                loaded,
-                _SCAN_KEY,
-                f"the body's way from start to goal meets the scan near ({place}); expected a way "
-                f"that is free: another `task.goal.com`, or points to pass in `{_SCAN_KEY}.guide`",
-            )
-    return spaces
+    limit = np.deg2rad(spec.posture.rotation_limit_deg) if is_inclined else 0.0
+    return [
+        inflate_free_space(ends, hull @ _incline(ends, limit).T, raw.corners)
+        for ends in split_path(guide)
+    ]
+
+
+def _incline(ends: Array, limit: float) -> Array:
+    """Return the rotation (3, 3) by which a piece of a path (2, 3) rises, at most by a limit."""
+    along = ends[1] - ends[0]
+    level = float(np.hypot(along[0], along[1]))
+    if level < 1e-9:
+        return np.eye(3)
+    rise = float(np.clip(np.arctan2(along[2], level), -limit, limit))
+    axis = np.array([along[1], -along[0], 0.0]) / level
+    return np.asarray(Rotation.from_rotvec(rise * axis).as_matrix())
 
 
 def _build_space_spec(number: int, space: ConvexFreeRegion) -> dict[str, object]:

@@ -165,12 +165,12 @@ def _check_method(climb_parts: ValidClimbParts) -> list[Finding]:
 
 
 def _check_contact_search(climb_parts: ValidClimbParts) -> list[Finding]:
-    """Return findings for what `contact-search` cannot state."""
+    """Return findings for what `contact-search` cannot state.
+
+    A stated number of rounds passes, as that of a plan that it made; planned it is refused.
+    """
     findings = []
     subject = "method `contact-search`"
-    if isinstance(climb_parts.task, TaskSpec) and climb_parts.task.rounds != "auto":
-        message = f"{subject} chooses the number of rounds; expected `auto`"
-        findings.append(Finding(("task", "rounds"), message))
     if climb_parts.robot is not None and climb_parts.robot.gripper is not None:
         message = f"{subject} plans toes that press; {climb_parts.robot.name} has grippers"
         findings.append(Finding(("solver", "method"), message))

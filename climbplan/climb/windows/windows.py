@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import logging
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -29,6 +29,7 @@ from climbplan.climb.motion.motion import (
     plan_motion,
     plan_support,
 )
+from climbplan.climb.motion.open_rounds import OpenRoundsMotion, PartialClimb
 from climbplan.climb.plan.climb_plan import Rounds
 from climbplan.climb.postures.cost_bound import bound_posture_cost
 from climbplan.climb.postures.planner import PostureResult
@@ -63,6 +64,13 @@ class _Progress:
     nodes: int = 0
     notes: list[str] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    furthest: Rounds | None = None  # of those that were discarded
+    furthest_covered: float = 0.0  # [m] of the way
+
+    def keep_furthest(self) -> None:
+        """Keep the rounds where they come further than any before."""
+        if self.covered > self.furthest_covered:
+            self.furthest, self.furthest_covered = self.rounds, self.covered
 
     @property
     def stance(self) -> ClimbStance:
@@ -76,17 +84,9 @@ class _Progress:
         return WindowStart(self.stance, self.rounds.count, self.covered, self.num_backtracks)
 
 
-@dataclass(frozen=True)
-class WindowedMotion:
-    """A motion found in windows, and the scene with the rounds that it took."""
-
-    scene: ClimbScene
-    supported: SupportedMotion
-
-
 def plan_in_windows(
     scene: ClimbScene, window: int, clock: StageClock, deadline: float
-) -> WindowedMotion:
+) -> OpenRoundsMotion:
     """Plan postures, instants and forces of a climb, `window` rounds at a time.
 
     If no window continues a plan, its last rounds are planned again at another pace.
@@ -107,14 +107,18 @@ def plan_in_windows(
     progress = _Progress(first_rounds, 0.0)
     while True:
         if time.monotonic() > deadline:
-            raise LimitReached(
+            limit = LimitReached(
                 f"{_format_place(progress, path)}: `solver.time_limit` ended the search",
                 stage="posture",
             )
+            limit.partial = _keep_furthest(progress, path, window, clock)
+            raise limit
         try:
             planned = _plan_next_window(scene, path, window, progress, clock, deadline)
         except NoPlanFound as failure:
+            progress.keep_furthest()
             if progress.num_backtracks == _MAX_BACKTRACKS or not _backtrack(progress, path, window):
+                failure.partial = _keep_furthest(progress, path, window, clock)
                 raise
             _log.info("window    back to round %d: %s", progress.rounds.count, failure)
             continue
@@ -192,6 +196,24 @@ def _backtrack(progress: _Progress, path: BodyPath, window: int) -> bool:
     return True
 
 
+def _keep_furthest(
+    progress: _Progress, path: BodyPath, window: int, clock: StageClock
+) -> PartialClimb | None:
+    """Return the rounds that came furthest; None without any."""
+    progress.keep_furthest()
+    rounds = progress.furthest
+    if rounds is None:
+        return None
+    kept = replace(progress, rounds=rounds, covered=progress.furthest_covered)
+    return PartialClimb(
+        end=kept.stance,
+        num_rounds=rounds.count,
+        covered=kept.covered,
+        length=path.length,
+        build=lambda scene: _join_windows(scene, kept, window, clock),
+    )
+
+
 def _append_window(progress: _Progress, planned: _Window, path: BodyPath) -> None:
     added, previous = planned.motion.posture.rounds, progress.rounds
     progress.rounds = Rounds(
@@ -208,7 +230,7 @@ def _append_window(progress: _Progress, planned: _Window, path: BodyPath) -> Non
 
 def _join_windows(
     scene: ClimbScene, progress: _Progress, window: int, clock: StageClock
-) -> WindowedMotion:
+) -> OpenRoundsMotion:
     """Join the windows, with the same exact checks of the whole."""
     from climbplan.climb.postures.nlp.check import compute_posture_cost
 
@@ -261,7 +283,7 @@ def _join_windows(
     motion = ClimbMotion(posture, instants, tuple(progress.notes), swings)
     with clock.stage("force"):
         forces = plan_forces(whole_scene, instants)
-    return WindowedMotion(whole_scene, SupportedMotion(motion, forces))
+    return OpenRoundsMotion(whole_scene, SupportedMotion(motion, forces))
 
 
 def _format_place(progress: _Progress, path: BodyPath) -> str:

@@ -93,6 +93,9 @@ class FootholdFinder:
         nearest = nearest[is_allowed[nearest]][:_MAX_CANDIDATES]
         if not len(nearest):
             return []
+        nearest = nearest[self._have_room_for_feet(points[nearest])]
+        if not len(nearest):
+            return []
         points, regions = points[nearest], regions[nearest]
         suitable = self._are_suitable(limb, points, self.normals[regions], poses)
         return [
@@ -125,6 +128,16 @@ class FootholdFinder:
             points.append(places)
             regions.append(np.full(len(places), number, np.int64))
         return np.concatenate(points), np.concatenate(regions)
+
+    def _have_room_for_feet(self, points: Array) -> BoolArray:
+        """Return whether spherical feet at points (P, 3) enter nothing beside their surface."""
+        foot, scan = self.scene.robot.foot, self.scene.terrain.scan
+        if foot is None or scan is None:
+            return np.ones(len(points), bool)
+        from climbplan.scan.distances import compute_triangle_distances
+
+        distance = compute_triangle_distances(points, points, scan.corners, foot.radius)
+        return np.asarray(distance >= foot.radius - scan.flatness)
 
     def _are_suitable(
         self, limb: int, points: Array, normals: Array, poses: list[BodyPose]

@@ -54,8 +54,10 @@ def plan_by_contact_search(
 
 
 def _plan_motion(scene: ClimbScene, result: SearchResult, clock: StageClock) -> OpenRoundsMotion:
-    """Plan instants and forces of the rounds found, in a scene whose goal they reach."""
-    whole_scene = replace_rounds(scene, len(result.rounds) - 1)
+    """Plan instants and forces of the rounds found, in a scene whose goal is their end."""
+    last = result.rounds[-1]
+    end = replace(scene.goal, toes=last.standing.toes, region=last.standing.region)
+    whole_scene = replace(replace_rounds(scene, len(result.rounds) - 1), goal=end)
     with clock.stage("kinematics"):
         rounds = _collect_rounds(result)
         instants = _collect_instants(whole_scene, result)

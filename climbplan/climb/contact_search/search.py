@@ -69,6 +69,10 @@ class FootholdSearch:
         self.scene, self.guide = scene, guide
         self.finder, self.checker = FootholdFinder(scene), MoveChecker(scene)
         self.num_checked = 0
+        # Where the spec states no toe at the goal, the nearest place that fits is one
+        goal, names = scene.spec.task.goal, scene.robot.limb_names
+        tolerance = float(goal.tolerance) * (1.0 - 1e-6)
+        self.goal_tolerance = [tolerance if name in goal.toes else np.inf for name in names]
 
     def run(self, deadline: float, max_moves: float = np.inf) -> SearchResult:
         """Search from the start to the goal.
@@ -151,7 +155,6 @@ class FootholdSearch:
         count = len(gait)
         covered = before.covered + advance
         is_last = covered >= self.guide.length - 1e-9
-        tolerance = float(self.scene.spec.task.goal.tolerance) * (1.0 - 1e-6)
         base = BodyPose(*self.guide.interpolate(covered))
         standing = before.standing
         moves: list[LimbMove] = []
@@ -169,9 +172,8 @@ class FootholdSearch:
                 else self.guide.place_nominal_toe(middle, self.scene.robot.stance_body[limb])
             )
             expected = self._expect_poses(before.covered, advance, k, pose)
-            footholds = self.finder.find(
-                limb, standing.toes[limb], nominal, expected, tolerance if is_last else np.inf
-            )
+            max_distance = self.goal_tolerance[limb] if is_last else np.inf
+            footholds = self.finder.find(limb, standing.toes[limb], nominal, expected, max_distance)
             move = self._find_move(standing, limb, nominal, footholds, pose, number)
             moves.append(move)
             standing = move.after

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from climbplan.arrays import Array
 from climbplan.climb.motion.motion import SupportedMotion
 from climbplan.climb.scene.climb_scene import ClimbScene, ClimbStance
 from climbplan.climb.schema.loading import LoadedClimb
@@ -13,7 +12,7 @@ from climbplan.climb.schema.loading import LoadedClimb
 
 @dataclass(frozen=True)
 class OpenRoundsMotion:
-    """A motion, and the scene with the rounds that it took."""
+    """A motion, and the scene with the rounds that it took and the toes of the goal it chose."""
 
     scene: ClimbScene
     supported: SupportedMotion
@@ -32,4 +31,3 @@ class PartialClimb:
     length: float  # [m] of the way to the goal
     build: Callable[[ClimbScene], OpenRoundsMotion]  # the motion in the scene with that goal
     loaded: LoadedClimb | None = None  # the spec that was planned
-    footholds: Array | None = None  # (N, 3) on the surfaces, for toes at the centres of feet [m]

@@ -154,20 +154,9 @@ def plan_by_method(
             planned = plan_in_windows(scene, window_size, clock, deadline)
     except NoPlanFound as error:
         if isinstance(error.partial, PartialClimb):
-            footholds = _find_surface_points(scene, error.partial.end)
-            error.partial = replace(error.partial, loaded=loaded, footholds=footholds)
+            error.partial = replace(error.partial, loaded=loaded)
         raise
     return _time_motion(loaded, planned, clock, assumed)
-
-
-def _find_surface_points(scene: ClimbScene, stance: ClimbStance) -> Array:
-    """Return the points (N, 3) of the surfaces below the toes, as a spec states them."""
-    points = stance.toes.copy()
-    for limb, region in enumerate(stance.region):
-        surface = scene.terrain.surfaces[int(region)]
-        if isinstance(surface, Region):
-            points[limb] -= surface.standoff * surface.normal
-    return points
 
 
 def _complete_partial_plan(part: PartialClimb, clock: StageClock) -> ClimbPlan | None:
@@ -177,13 +166,7 @@ def _complete_partial_plan(part: PartialClimb, clock: StageClock) -> ClimbPlan |
     """
     loaded = part.loaded
     assert loaded is not None
-    assert part.footholds is not None
-    names = loaded.robot.limb_names
-    goal = {
-        "com": part.end.com.tolist(),
-        "rpy_deg": np.rad2deg(part.end.rpy).tolist(),
-        "toes": {name: toe.tolist() for name, toe in zip(names, part.footholds, strict=True)},
-    }
+    goal = {"com": part.end.com.tolist(), "rpy_deg": np.rad2deg(part.end.rpy).tolist()}
     overrides = [Override.of(f"task.goal.{key}", goal[key], "partial plan") for key in goal]
     try:
         nearer = loaded.with_overrides(overrides)
@@ -202,6 +185,16 @@ def _complete_partial_plan(part: PartialClimb, clock: StageClock) -> ClimbPlan |
     return replace(plan, status="partial", warnings=(note, *plan.warnings))
 
 
+def _find_surface_points(scene: ClimbScene, stance: ClimbStance) -> Array:
+    """Return the points (N, 3) of the surfaces below the toes, as a spec states them."""
+    points = stance.toes.copy()
+    for limb, region in enumerate(stance.region):
+        surface = scene.terrain.surfaces[int(region)]
+        if isinstance(surface, Region):
+            points[limb] -= surface.standoff * surface.normal
+    return points
+
+
 def _time_motion(
     loaded: LoadedClimb, planned: OpenRoundsMotion, clock: StageClock, assumed: tuple[str, ...]
 ) -> ClimbPlan:
@@ -209,8 +202,13 @@ def _time_motion(
     spec, scene, supported = loaded.spec, planned.scene, planned.supported
     if spec.task.rounds == "auto":
         # As with a start from another plan, the text says what was chosen
-        count = str(scene.spec.task.round_count)
-        loaded = loaded.with_overrides([Override("task.rounds", count, "rounds: auto")])
+        names, toes = scene.robot.limb_names, _find_surface_points(scene, scene.goal).tolist()
+        loaded = loaded.with_overrides(
+            [
+                Override("task.rounds", str(scene.spec.task.round_count), "rounds: auto"),
+                Override.of("task.goal.toes", dict(zip(names, toes, strict=True)), "rounds: auto"),
+            ]
+        )
     motion, forces = supported.motion, supported.forces
     with clock.stage("trajectory"):
         forces, trajectory = plan_with_torque_reserve(

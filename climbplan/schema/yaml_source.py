@@ -7,8 +7,10 @@ number, `010` is ten, `1:30` and `2024-01-01` are text), which is what people ex
 
 from __future__ import annotations
 
+import copy
 import re
 import sys
+from functools import lru_cache
 from typing import Any
 
 import yaml
@@ -99,11 +101,17 @@ def parse_yaml(text: str, source: str) -> Document:
     Raises:
         SpecError: the text is not YAML, or too large or too deep.
     """
-    document = Document(source, text, None)
-    line = None
     if len(text) > LONGEST:
         message = f"too large: {len(text) / 1e6:.1f} million characters, expected {LONGEST / 1e6:g}"
         raise SpecError(source, [SpecMistake("", f"{message} at most")])
+    return copy.deepcopy(_parse_known_text(text, source))
+
+
+@lru_cache(maxsize=4)
+def _parse_known_text(text: str, source: str) -> Document:
+    """Parse YAML that is not too large; a plan's spec is parsed by many, and may hold a scan."""
+    document = Document(source, text, None)
+    line = None
     try:
         composer = _Composer(text)
         try:

@@ -117,6 +117,7 @@ class Reader:
     root: h5py.Group
     dimensions: dict[str, int] = field(default_factory=dict)
     not_finite: list[str] = field(default_factory=list)  # seen so far; absurdly large ones too
+    _groups: dict[str, h5py.Group] = field(default_factory=dict, init=False, repr=False)
 
     def refuse(self, what: str) -> PlanFileError:
         """Return the error to raise, with the file's name."""
@@ -302,19 +303,23 @@ class Reader:
 
     def _item(self, name: str) -> h5py.Group | h5py.Dataset | None:
         """Return a member reached through the file's own links only."""
-        member: Any = self.root
+        if name in self._groups:
+            return self._groups[name]
+        parent, _, segment = name.rpartition("/")
+        holder = self._item(parent) if parent else self.root
+        if not isinstance(holder, h5py.Group):
+            return None
         try:
-            for segment in name.split("/"):
-                if not isinstance(member, h5py.Group):
-                    return None
-                link = member.get(segment, getlink=True)
-                if link is None:
-                    return None
-                if not isinstance(link, h5py.HardLink):
-                    raise self.refuse(f"{name} is a link, expected data in the file itself")
-                member = member[segment]
+            link = holder.get(segment, getlink=True)
+            if link is None:
+                return None
+            if not isinstance(link, h5py.HardLink):
+                raise self.refuse(f"{name} is a link, expected data in the file itself")
+            member = holder[segment]
         except _DAMAGE as error:
             raise self.refuse(f"{name} is damaged: {error}") from error
+        if isinstance(member, h5py.Group):
+            self._groups[name] = member
         return member
 
     def _dataset(self, name: str, layout: DatasetLayout) -> h5py.Dataset:

@@ -18,6 +18,9 @@ part of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
 
 from climbplan.arrays import Array, IntArray
 
@@ -37,7 +40,17 @@ class RawSurface:
     toe_radius: float  # [m] over which its normal is averaged at a toe
     finger_depth: float = 0.0  # [m] that fingers reach beside what they grip; 0: nothing is gripped
 
-    @property
+    @cached_property
     def corners(self) -> Array:
         """Corners (T, 3, 3) of the triangles [m]."""
         return self.vertices[self.triangles]
+
+    @cached_property
+    def boxes(self) -> tuple[Array, Array]:
+        """Lowest and highest coordinates (T, 3) of the triangles [m]."""
+        return self.corners.min(axis=1), self.corners.max(axis=1)
+
+    def find_triangles_in(self, low: Array, high: Array) -> IntArray:
+        """Return the triangles (K,) whose boxes overlap a box with corners (3,) [m]."""
+        lowest, highest = self.boxes
+        return np.flatnonzero(((lowest <= high) & (highest >= low)).all(axis=1))

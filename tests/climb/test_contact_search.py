@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
+import yaml
 
 import climbplan
+from climbplan.cli.app import run
 from climbplan.climb.contact_search.footholds import BodyPose, FootholdFinder
 from climbplan.climb.contact_search.guide_path import build_guide_path
 from climbplan.climb.contact_search.suitability import find_obstacle_to_method
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_text
-from climbplan.errors import LimitReached, NoPlanFound, SpecError
+from climbplan.errors import LimitReached, NoPlanFound, SpecError, UsageError
 
 STANCE = """\
   stance:
@@ -98,8 +103,11 @@ def test_stairs_are_climbed_and_verified() -> None:
     assert verification.passed, verification.headline()
     assert "contact search" in str(plan.solvers["posture"])
     assert {0, 1, 2} <= set(np.unique(plan["rounds/region"]))
-    again = climbplan.plan(STAIRS)
+    again = climbplan.plan(STAIRS, method="contact-search")
     np.testing.assert_array_equal(plan["rounds/toes"], again["rounds/toes"])
+    # The goal's toes are those it chose
+    goal = yaml.safe_load(str(again.spec))["task"]["goal"]["toes"]
+    np.testing.assert_allclose([*goal.values()], plan["rounds/toes"][-1], atol=1e-12)
 
 
 def test_a_gap_ends_the_search_and_the_message_says_where() -> None:
@@ -109,6 +117,28 @@ def test_a_gap_ends_the_search_and_the_message_says_where() -> None:
         climbplan.plan(GAP, method="contact-search", time_limit=40)
     assert not isinstance(info.value, LimitReached)
     assert "no foothold within its reach" in str(info.value)
+    part = info.value.partial
+    assert isinstance(part, climbplan.Plan)
+    assert part.status == "partial"
+    assert part.verify().passed
+    assert 0.3 < part["rounds/com"][-1][1] < 1.3
+    assert "partial: 0." in part.warnings[0]
+
+
+def test_a_command_leaves_the_part_that_it_planned(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("gap.yaml").write_text(GAP, encoding="utf-8")
+    command = ["plan-climb", "gap.yaml", "--method", "contact-search", "--json", "--no-report"]
+    assert run(command) == 4
+    printed = json.loads(capsys.readouterr().out)
+    assert printed["partial"] == "outputs/gap/partial.h5"
+    assert [path.name for path in Path("outputs/gap").iterdir()] == ["partial.h5"]
+    # A part is in nobody's way
+    Path("gap.yaml").write_text(STAIRS, encoding="utf-8")
+    assert run(command) == 0
+    assert {path.name for path in Path("outputs/gap").iterdir()} == {"plan.h5", "report.json"}
 
 
 def test_a_limit_of_work_says_how_far_the_search_came() -> None:
@@ -119,12 +149,12 @@ def test_a_limit_of_work_says_how_far_the_search_came() -> None:
 @pytest.mark.parametrize(
     ("key", "value", "message"),
     [
-        ("task.rounds", 3, "chooses the number of rounds; expected `auto`"),
+        ("task.rounds", 3, "as many rounds as are needed: write `task.rounds: auto`"),
         ("posture.steps.toe_min", 0.01, "has no smallest step; expected 0"),
     ],
 )
 def test_what_it_cannot_state_is_refused(key: str, value: float, message: str) -> None:
-    with pytest.raises(SpecError, match=message):
+    with pytest.raises((SpecError, UsageError), match=message):
         climbplan.plan(STAIRS, {key: value}, method="contact-search")
     if key != "task.rounds":
         loaded = load_text(STAIRS, "spec", [f"{key}={value}"])

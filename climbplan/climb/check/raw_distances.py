@@ -11,7 +11,7 @@ _SEGMENT_CHUNK = 2_000  # segments at a time
 _PAIR_CHUNK = 200_000  # pairs of segment and triangle at a time
 
 
-def find_overlapping_triangles(corners: Array, lower: Array, upper: Array) -> IntArray:
+def _find_overlapping_triangles(corners: Array, lower: Array, upper: Array) -> IntArray:
     """Return the indices of triangles whose bounding boxes overlap a box."""
     inside = (corners.min(axis=1) <= upper) & (corners.max(axis=1) >= lower)
     return np.asarray(np.flatnonzero(inside.all(axis=1)), np.int64)
@@ -33,7 +33,7 @@ def measure_triangle_distances(
         chunk = slice(start, start + _SEGMENT_CHUNK)
         if np.isnan(low[chunk]).all():
             continue
-        candidates = find_overlapping_triangles(
+        candidates = _find_overlapping_triangles(
             corners, np.nanmin(low[chunk], axis=0), np.nanmax(high[chunk], axis=0)
         )
         triangle_min, triangle_max = (

@@ -16,7 +16,6 @@ from climbplan.climb.check.anew.gait import reconstruct_gait
 from climbplan.climb.check.anew.kinematics import compute_body_axes, transform_to_world
 from climbplan.climb.check.convex import bound_hull_distance
 from climbplan.climb.check.raw_distances import (
-    find_overlapping_triangles,
     measure_plane_gaps,
     measure_triangle_distances,
 )
@@ -117,7 +116,7 @@ def _average_normals(toes: Array, planned: Array, scan: RawSurface) -> Array:
     disc = np.pi * search_radius**2
     mean_normals = np.array(planned)
     for row, (toe, normal) in enumerate(zip(toes, planned, strict=True)):
-        candidates = find_overlapping_triangles(corners, toe - search_radius, toe + search_radius)
+        candidates = scan.find_triangles_in(toe - search_radius, toe + search_radius)
         candidates = candidates[normals[candidates] @ normal > FACING]
         ends = np.broadcast_to(toe, (len(candidates), 3))
         candidates = candidates[
@@ -147,8 +146,8 @@ def _check_body(subject: Subject, scan: RawSurface) -> Check:
     corners, measured_clearance = scan.corners, required + REPORTED_CLEARANCE
     clearance = np.full(len(rows), measured_clearance)
     for p, hull in enumerate(hulls):
-        for t in find_overlapping_triangles(
-            corners, hull.min(axis=0) - measured_clearance, hull.max(axis=0) + measured_clearance
+        for t in scan.find_triangles_in(
+            hull.min(axis=0) - measured_clearance, hull.max(axis=0) + measured_clearance
         ):
             clearance[p] = min(clearance[p], bound_hull_distance(hull, corners[t]))
 

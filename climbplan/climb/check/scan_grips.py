@@ -12,7 +12,6 @@ from collections.abc import Iterator
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.check.raw_distances import find_overlapping_triangles
 from climbplan.climb.check.subject import Subject
 from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.surfaces import Region
@@ -85,8 +84,8 @@ def _find_first_triangle(start: Array, end: Array, scan: RawSurface) -> Array | 
 
     The line's intersection with each plane is tested against all three edges.
     """
-    candidates = find_overlapping_triangles(
-        scan.corners, np.minimum(start, end) - 1e-9, np.maximum(start, end) + 1e-9
+    candidates = scan.find_triangles_in(
+        np.minimum(start, end) - 1e-9, np.maximum(start, end) + 1e-9
     )
     corners = scan.corners[candidates]
     edges = np.roll(corners, -1, axis=1) - corners

@@ -15,7 +15,6 @@ from climbplan.climb.check.anew.capsules import Capsule
 from climbplan.climb.check.clearance import describe_clearance
 from climbplan.climb.check.raw_distances import (
     find_nearest_on_triangles,
-    find_overlapping_triangles,
     measure_triangle_distances,
 )
 from climbplan.climb.check.subject import Subject
@@ -211,9 +210,7 @@ def _measure_group_shortfall(
     cuts, radius = end.cuts, end.radius
     reach = radius + REPORTED_CLEARANCE
     points = cuts.reshape(-1, 3)
-    corners = scan.corners[
-        find_overlapping_triangles(scan.corners, points.min(0) - reach, points.max(0) + reach)
-    ]
+    corners = scan.corners[scan.find_triangles_in(points.min(0) - reach, points.max(0) + reach)]
     contact_triangles = [
         _find_contact_triangles(corners, p, n, scan) for p, n in zip(places, normals, strict=True)
     ]

@@ -330,6 +330,4 @@ def _find_near_triangles(scan: RawSurface, points: Array, max_distance: float) -
     """Find triangles whose bounds come within a distance of the bounds of points [m]."""
     flat = points.reshape(-1, 3)
     low, high = np.nanmin(flat, axis=0) - max_distance, np.nanmax(flat, axis=0) + max_distance
-    corners = scan.corners
-    inside = (corners.min(axis=1) <= high) & (corners.max(axis=1) >= low)
-    return np.asarray(np.flatnonzero(inside.all(axis=1)), np.int64)
+    return scan.find_triangles_in(low, high)

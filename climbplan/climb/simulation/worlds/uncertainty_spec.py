@@ -30,7 +30,7 @@ KEYS = (
 
 def read_uncertainty(plan: ClimbPlan) -> Uncertainty:
     """Read distributions of a plan's worlds: of its spec, else the robot file, else defaults."""
-    document = parse_yaml(plan.spec_text, plan.name)
+    document = parse_yaml(plan.spec_text, "spec")
     value = document.value if isinstance(document.value, dict) else {}
     spec = UncertaintySpec.model_validate(value.get("uncertainty") or {})
     robot = RobotUncertaintySpec()

@@ -16,6 +16,7 @@ from climbplan.climb.clearance.limb_pairs import compute_body_distances
 from climbplan.climb.clearance.limbs import INTERPOLATION_MARGIN, compute_link_clearances
 from climbplan.climb.clearance.raw_surface import ToeContacts, compute_raw_shortfalls
 from climbplan.climb.scene.climb_scene import ClimbScene
+from climbplan.errors import Remedy
 from climbplan.robots.capsules import Capsules, limb_capsules
 from climbplan.robots.kinematics import solve_inverse_kinematics, to_body
 from climbplan.robots.rotations import rotation_world_body
@@ -31,6 +32,7 @@ _MIN_NORMAL_COSINE = 0.6  # between a contact's normal and that at the start
 _MIN_SEARCH_RADIUS = 0.15  # [m]
 _JOINT_MARGIN = np.deg2rad(1.0)  # that joints keep from their bounds, in their units
 _STEP_TOLERANCE = 1e-6  # [m]
+_STEP_RESERVE = 1.2  # of a step that would just be long enough
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,21 @@ class FootholdFinder:
             Foothold(point, int(region))
             for point, region in zip(points[suitable], regions[suitable], strict=True)
         ]
+
+    def suggest_longer_steps(self, limb: int, toe: Array, nominal: Array) -> tuple[Remedy, ...]:
+        """Return the longest step with which the limb comes near its nominal toe, if it is short.
+
+        Arguments as of `find`.
+        """
+        points, _ = self._sample_points(limb, nominal)
+        if not len(points):
+            return ()
+        nearest = points[np.argmin(np.linalg.norm(points - nominal, axis=1))]
+        longest = float(np.linalg.norm(nearest - toe)) * _STEP_RESERVE
+        if longest <= self.scene.spec.posture.steps.toe_max:
+            return ()
+        longest = round(longest, 2)
+        return (Remedy(f"steps of toes up to {longest:g} m", "posture.steps.toe_max", longest),)
 
     def _sample_points(self, limb: int, nominal: Array) -> tuple[Array, IntArray]:
         """Return points (P, 3) near a nominal toe and their regions (P,)."""

@@ -31,6 +31,7 @@ class GuidePath:
     com: Array  # (S, 3) [m]
     rpy: Array  # (S, 3) [rad]
     ground: tuple[Region, ...] = ()  # that the path follows; () between walls
+    steepest: float = 0.0  # [rad] angle of the ground under the stance, however far bodies turn
 
     @property
     def length(self) -> float:
@@ -62,8 +63,13 @@ class GuidePath:
         return toe
 
 
-def build_guide_path(scene: ClimbScene) -> GuidePath:
-    """Build the guide path of a scene."""
+def build_guide_path(scene: ClimbScene, inclination: float = 1.0) -> GuidePath:
+    """Build the guide path of a scene.
+
+    Args:
+        scene: The scene.
+        inclination: Fraction of the ground's angles that the body takes.
+    """
     path = BodyPath.from_scene(scene)
     count = max(int(np.ceil(path.length / _SPACING)), 1) + 1
     distances = np.linspace(0.0, path.length, count)
@@ -73,10 +79,10 @@ def build_guide_path(scene: ClimbScene) -> GuidePath:
     if not starts_on_ground(scene):
         return GuidePath(distances, com, rpy)
     ground = tuple(r for r in scene.terrain.regions if r.normal[2] >= GROUND_COSINE)
-    return _follow_ground(scene, GuidePath(distances, com, rpy, ground))
+    return _follow_ground(scene, GuidePath(distances, com, rpy, ground), inclination)
 
 
-def _follow_ground(scene: ClimbScene, straight: GuidePath) -> GuidePath:
+def _follow_ground(scene: ClimbScene, straight: GuidePath, inclination: float) -> GuidePath:
     """Return the path with heights and angles of the ground."""
     stance = scene.robot.stance_body
     distances = straight.distances
@@ -93,7 +99,8 @@ def _follow_ground(scene: ClimbScene, straight: GuidePath) -> GuidePath:
     # Roll is about the body's x, to the right: it lifts the nose, which points along y
     forward = -np.sin(yaw) * planes[:, 1] + np.cos(yaw) * planes[:, 2]
     sideways = np.cos(yaw) * planes[:, 1] + np.sin(yaw) * planes[:, 2]
-    angles = np.clip(np.stack([np.arctan(forward), -np.arctan(sideways)], axis=-1), -limit, limit)
+    slopes = np.stack([np.arctan(forward), -np.arctan(sideways)], axis=-1)
+    angles = np.clip(inclination * slopes, -limit, limit)
     following = straight.com.copy()
     following[:, 2] = planes[:, 0] + scene.start.com[2] - planes[0, 0]
     # Near its ends the path has their height and angles
@@ -109,7 +116,7 @@ def _follow_ground(scene: ClimbScene, straight: GuidePath) -> GuidePath:
     com[:, 2] += (1.0 - weight) * correction
     rpy = straight.rpy.copy()
     rpy[:, :2] = (1.0 - weight[:, None]) * straight.rpy[:, :2] + weight[:, None] * angles
-    return GuidePath(distances, com, rpy, straight.ground)
+    return GuidePath(distances, com, rpy, straight.ground, float(np.abs(slopes).max()))
 
 
 def _measure_ground_height(ground: tuple[Region, ...], point: Array) -> float:

@@ -25,13 +25,14 @@ from climbplan.climb.gait.balance import find_balancing_shifts
 from climbplan.climb.gait.instants import build_instants
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import ClimbScene
-from climbplan.errors import NoPlanFound
+from climbplan.errors import NoPlanFound, Remedy
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import standing_inverse
 from climbplan.robots.rotations import rotation_world_body
 
 _NUM_POSES = 6  # checked along the way of the body between two moves
 _TOLERANCE = 1e-9  # [m]
+_ENLARGEMENT = 1.5  # of a value that may help
 
 
 @dataclass(frozen=True)
@@ -59,11 +60,20 @@ class LimbMove:
 
 
 class MoveRejected(Exception):
-    """A move failed a check; the message says what stopped it."""
+    """A move failed a check; the message says what stopped it, `remedies` what may help."""
 
-    def __init__(self, reason: str, *, whatever_foothold: bool = False) -> None:
+    def __init__(
+        self,
+        reason: str,
+        remedies: tuple[Remedy, ...] = (),
+        *,
+        whatever_foothold: bool = False,
+        by_limb: int | None = None,
+    ) -> None:
         super().__init__(reason)
-        self.whatever_foothold = whatever_foothold  # no other foothold of that limb helps
+        self.remedies = remedies
+        self.whatever_foothold = whatever_foothold  # no other foothold of the moved limb helps
+        self.by_limb = by_limb  # the standing limb that failed; another foothold of it may help
 
 
 class MoveChecker:
@@ -113,7 +123,12 @@ class MoveChecker:
         try:
             self.check_way(standing, pose)
         except MoveRejected as rejected:
-            raise MoveRejected(f"{rejected} {what}", whatever_foothold=True) from None
+            raise MoveRejected(
+                f"{rejected} {what}",
+                rejected.remedies,
+                whatever_foothold=True,
+                by_limb=rejected.by_limb,
+            ) from None
         after = replace(standing.replace_toe(limb, foothold), pose=pose)
         instants = self._compute_angles(lifted, after, limb, foothold.point + lift * normal)
         overlap = find_standing_overlap(scene, instants)
@@ -136,7 +151,9 @@ class MoveChecker:
             path = plan_swing_path(scene, swing)
         except NoPlanFound as error:
             conflicts = "; ".join(str(conflict) for conflict in error.conflicts)
-            raise MoveRejected(f"swing of {self.names[limb]}: {conflicts or error}") from None
+            higher = self._enlarge("trajectory.swing_clearance", lift, "m")
+            reason = f"swing of {self.names[limb]}: {conflicts or error}"
+            raise MoveRejected(reason, (higher,)) from None
         first = Instants(**{name: value[:1] for name, value in vars(instants).items()})
         return LimbMove(first, path, after)
 
@@ -156,7 +173,7 @@ class MoveChecker:
         solution = standing_inverse(scene.robot, com, rpy, toes, normals)
         if not solution.valid.all():
             limb = int(np.flatnonzero(~solution.valid.all(axis=0))[0])
-            raise MoveRejected(f"{self.names[limb]} does not reach its toe")
+            raise MoveRejected(f"{self.names[limb]} does not reach its toe", by_limb=limb)
         body = float(compute_poses_shortfall(scene, com[None], rpy[None]).max(initial=0.0))
         if body > _TOLERANCE:
             raise MoveRejected(f"the body comes {1e3 * body:.1f} mm too close to the terrain")
@@ -180,7 +197,8 @@ class MoveChecker:
     def _reject_link(self, limb: int, link: int, missing: float, obstacle: str) -> None:
         name = self.scene.robot.joint_name(limb, link)
         raise MoveRejected(
-            f"{self.names[limb]}'s {name} comes {1e3 * missing:.1f} mm too close to {obstacle!r}"
+            f"{self.names[limb]}'s {name} comes {1e3 * missing:.1f} mm too close to {obstacle!r}",
+            by_limb=limb,
         )
 
     def _lift(self, standing: Standing, limb: int, pose: BodyPose, number: int) -> Instants:
@@ -238,9 +256,15 @@ class MoveChecker:
         statement = build_force_statement(self.scene, instants)
         solved = solve_forces(statement, spec.solver.force_solver, spec.force.facets)
         if len(solved.missing) or len(solved.unbalanced):
-            raise MoveRejected(
-                f"no contact forces support the robot with {self.names[limb]} lifted"
-            )
+            shift = spec.posture.steps.com_shift_max
+            remedies = (self._enlarge("posture.steps.com_shift_max", shift, "m"),)
+            reason = f"no contact forces support the robot with {self.names[limb]} lifted"
+            raise MoveRejected(reason, remedies if shift > 0 else ())
+
+    def _enlarge(self, key: str, value: float, unit: str) -> Remedy:
+        """Return the remedy of a larger value of a key."""
+        larger = round(_ENLARGEMENT * value, 3)
+        return Remedy(f"{key} of {larger:g} {unit}", key, larger)
 
 
 def join_instants(instants: list[Instants]) -> Instants:

@@ -6,7 +6,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.climb.contact_search.guide_path import build_guide_path
 from climbplan.climb.contact_search.limb_move import join_instants
 from climbplan.climb.contact_search.search import FootholdSearch, SearchResult
 from climbplan.climb.contact_search.suitability import find_obstacle_to_method
@@ -19,7 +18,7 @@ from climbplan.climb.postures.cost_bound import bound_posture_cost
 from climbplan.climb.postures.planner import PostureResult
 from climbplan.climb.scene.climb_scene import ClimbScene, ClimbStance
 from climbplan.climb.windows.window_scenes import replace_rounds
-from climbplan.errors import LimitReached, NoPlanFound, Unresolved, UsageError
+from climbplan.errors import LimitReached, NoPlanFound, Remedy, Unresolved, UsageError
 
 
 def plan_by_contact_search(
@@ -43,11 +42,10 @@ def plan_by_contact_search(
     if (obstacle := find_obstacle_to_method(scene)) is not None:
         raise UsageError(f"method contact-search plans {obstacle}")
     with clock.stage("posture"):
-        guide = build_guide_path(scene)
-        search = FootholdSearch(scene, guide)
+        search = FootholdSearch(scene)
         result = search.run(deadline, max_moves)
         if not result.is_complete:
-            failure = _build_failure(result, guide.length)
+            failure = _build_failure(scene, result, search)
             failure.partial = _keep_part(search, result, clock)
             raise failure
     return _plan_motion(scene, result, clock)
@@ -84,25 +82,34 @@ def _keep_part(
         end=ClimbStance(last.base.com, last.base.rpy, last.standing.toes, last.standing.region),
         num_rounds=count - 1,
         covered=last.covered,
-        length=search.guide.length,
+        length=search.length,
         build=lambda scene: _plan_motion(scene, part, clock),
     )
 
 
-def _build_failure(result: SearchResult, length: float) -> NoPlanFound:
+def _build_failure(scene: ClimbScene, result: SearchResult, search: FootholdSearch) -> NoPlanFound:
     """Return the error of a search that did not reach the goal."""
     covered = result.rounds[-1].covered
     message = (
-        f"contact search: footholds for {covered:.2f} of {length:.2f} m, in "
+        f"contact search: footholds for {covered:.2f} of {search.length:.2f} m, in "
         f"{len(result.rounds) - 1} rounds"
     )
+    remedies = result.remedies
+    slope = float(np.rad2deg(search.guides[0].steepest))
+    if slope > scene.spec.posture.rotation_limit_deg:
+        steeper = Remedy(
+            f"the body inclined as the ground, {slope:.0f} deg",
+            "posture.rotation_limit_deg",
+            float(np.ceil(slope)),
+        )
+        remedies = (steeper, *remedies)
     if result.stopped_by:
         message += f"; the next fails: {result.stopped_by}"
     if result.ran_out:
         limit = "the time limit" if result.ran_out == "time" else f"{result.num_checked} moves"
-        return LimitReached(f"{message}; ended by {limit}", stage="posture")
+        return LimitReached(f"{message}; ended by {limit}", stage="posture", remedies=remedies)
     reason = "footholds near the nominal ones were tried along one path of the body"
-    return Unresolved(message, because=reason, stage="posture")
+    return Unresolved(message, because=reason, stage="posture", remedies=remedies)
 
 
 def _collect_rounds(result: SearchResult) -> Rounds:

@@ -13,23 +13,30 @@ from __future__ import annotations
 import logging
 import time
 from collections import Counter
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from climbplan.arrays import Array
 from climbplan.climb.contact_search.footholds import BodyPose, Foothold, FootholdFinder
-from climbplan.climb.contact_search.guide_path import GuidePath
+from climbplan.climb.contact_search.guide_path import build_guide_path
 from climbplan.climb.contact_search.limb_move import LimbMove, MoveChecker, MoveRejected, Standing
+from climbplan.climb.contact_search.suitability import starts_on_ground
 from climbplan.climb.scene.climb_scene import ClimbScene
+from climbplan.errors import Remedy
 
 _log = logging.getLogger(__name__)
 
 _PACES = (1.0, 0.6, 0.3)  # fractions of the longest advance of a round, in turn
+_INCLINATIONS = (0.6, 0.3, 1.0)  # fractions of the ground's angles that the body takes, in turn
 _MAX_TRIED = 6  # footholds of a limb whose moves are checked
+_MAX_REVISED = 4  # footholds of a round that are chosen again for a later limb of it
+_MIN_DISTANCE = 0.05  # [m] of a foothold that is chosen again from the one before
 _SHRINKING = 0.9  # of an advance whose step is too long
+_MIN_ADVANCE_FRACTION = 0.1  # of the longest step of the body
 _PLACE_FRACTION = 0.25  # of the longest step of the body: places of the path that count as one
-_MAX_VISITS = 6  # times that rounds are planned from one place
+_MAX_VISITS = 8  # times that rounds are planned from one place
 _LOG_INTERVAL = 5.0  # [s]
 
 
@@ -41,6 +48,34 @@ class PlannedRound:
     covered: float  # [m] of the path
     standing: Standing  # after the last move
     moves: tuple[LimbMove, ...] = ()
+    guide: int = 0  # the guide path that it follows
+
+
+@dataclass(frozen=True)
+class _Advance:
+    """A way to go on after a round: along a guide path by a distance."""
+
+    guide: int
+    distance: float  # [m]
+
+
+@dataclass(frozen=True)
+class _Round:
+    """A round to plan."""
+
+    before: PlannedRound
+    base: BodyPose  # at its end
+    advance: _Advance
+    number: int  # from 1 on
+    is_last: bool
+
+    def interpolate(self, fraction: float) -> BodyPose:
+        """Return the body's pose after a fraction of the round, without shifts."""
+        first, last = self.before.base, self.base
+        return BodyPose(
+            first.com + fraction * (last.com - first.com),
+            first.rpy + fraction * (last.rpy - first.rpy),
+        )
 
 
 @dataclass
@@ -48,7 +83,7 @@ class _Node:
     """A round with the advances that are still to be tried after it."""
 
     planned: PlannedRound
-    advances: list[float] = field(default_factory=list)
+    advances: list[_Advance] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -60,15 +95,20 @@ class SearchResult:
     is_complete: bool
     stopped_by: str  # the last obstacle, where the search came furthest
     ran_out: str  # "time", "moves" or ""
+    remedies: tuple[Remedy, ...] = ()  # changes that may help there
 
 
 class FootholdSearch:
     """The search of one scene."""
 
-    def __init__(self, scene: ClimbScene, guide: GuidePath) -> None:
-        self.scene, self.guide = scene, guide
+    def __init__(self, scene: ClimbScene) -> None:
+        self.scene = scene
+        inclinations = _INCLINATIONS if starts_on_ground(scene) else _INCLINATIONS[:1]
+        # All lead along the same places
+        self.guides = [build_guide_path(scene, inclination) for inclination in inclinations]
         self.finder, self.checker = FootholdFinder(scene), MoveChecker(scene)
         self.num_checked = 0
+        self.length = self.guides[0].length
         # Where the spec states no toe at the goal, the nearest place that fits is one
         goal, names = scene.spec.task.goal, scene.robot.limb_names
         tolerance = float(goal.tolerance) * (1.0 - 1e-6)
@@ -86,6 +126,7 @@ class FootholdSearch:
         first = PlannedRound(pose, 0.0, Standing(pose, start.toes, start.region))
         stack = [_Node(first, self._list_advances(first))]
         furthest, stopped_by, ran_out = [first], "", ""
+        remedies: tuple[Remedy, ...] = ()
         visits: Counter[int] = Counter()
         place_size = _PLACE_FRACTION * float(self.scene.spec.posture.steps.com_max)
         next_log = time.monotonic() + _LOG_INTERVAL
@@ -97,9 +138,7 @@ class FootholdSearch:
             if now > next_log:
                 next_log = now + _LOG_INTERVAL
                 covered = stack[-1].planned.covered
-                _log.info(
-                    "contacts  %.2f of %.2f m", covered, self.guide.length, extra={"note": True}
-                )
+                _log.info("contacts  %.2f of %.2f m", covered, self.length, extra={"note": True})
             node = stack[-1]
             place = int(node.planned.covered / place_size)
             if not node.advances or visits[place] >= _MAX_VISITS:
@@ -110,17 +149,18 @@ class FootholdSearch:
             try:
                 planned = self._plan_round(node.planned, advance, len(stack))
             except MoveRejected as rejected:
-                _log.debug("round %d by %.3f m: %s", len(stack), advance, rejected)
+                _log.debug("round %d by %.3f m: %s", len(stack), advance.distance, rejected)
                 if len(stack) == len(furthest):
                     stopped_by = f"round {len(stack)}: {rejected}"
+                    remedies = rejected.remedies
                 continue
             stack.append(_Node(planned, self._list_advances(planned)))
             if planned.covered > furthest[-1].covered:
                 furthest = [entry.planned for entry in stack]
-            if planned.covered >= self.guide.length - 1e-9:
+            if planned.covered >= self.length - 1e-9:
                 rounds = tuple(entry.planned for entry in stack)
                 return SearchResult(rounds, self.num_checked, True, "", "")
-        return SearchResult(tuple(furthest), self.num_checked, False, stopped_by, ran_out)
+        return SearchResult(tuple(furthest), self.num_checked, False, stopped_by, ran_out, remedies)
 
     def can_rest(self, planned: PlannedRound) -> bool:
         """Return whether the body can go on to its place on the guide path and end there."""
@@ -130,97 +170,127 @@ class FootholdSearch:
             return False
         return True
 
-    def _list_advances(self, planned: PlannedRound) -> list[float]:
-        """Return the advances [m] to try after a round, without those that are the same."""
-        longest = self._find_longest_advance(planned.covered)
-        remaining = self.guide.length - planned.covered
-        return list(dict.fromkeys(min(pace * longest, remaining) for pace in _PACES))
+    def _list_advances(self, planned: PlannedRound) -> list[_Advance]:
+        """Return the advances to try after a round, without those that are the same.
 
-    def _find_longest_advance(self, covered: float) -> float:
-        """Return the longest advance whose steps of the body are within their bounds [m]."""
+        The longest ones come first, along the path of that round before others.
+        """
+        remaining = self.length - planned.covered
+        others = [g for g in range(len(self.guides)) if g != planned.guide]
+        longest = {g: self._find_longest_advance(planned, g) for g in (planned.guide, *others)}
+        tried = [(pace, planned.guide) for pace in _PACES]
+        tried[1:1] = [(_PACES[0], other) for other in others]
+        tried += [(pace, other) for pace in _PACES[1:] for other in others]
+        advances = [
+            _Advance(guide, min(pace * longest[guide], remaining))
+            for pace, guide in tried
+            if longest[guide] > 0
+        ]
+        return list(dict.fromkeys(advances))
+
+    def _find_longest_advance(self, planned: PlannedRound, guide: int) -> float:
+        """Return the longest advance [m] with a step of the body within its bounds; 0 for none."""
         steps = self.scene.spec.posture.steps
         max_turn = np.deg2rad(steps.rotation_max_deg) * (1.0 - 1e-6)
-        com, rpy = self.guide.interpolate(covered)
-        advance = float(steps.com_max)
-        while True:
-            next_com, next_rpy = self.guide.interpolate(covered + advance)
-            step, turn = np.linalg.norm(next_com - com), np.abs(next_rpy - rpy).max()
+        base, advance = planned.base, float(steps.com_max)
+        while advance > _MIN_ADVANCE_FRACTION * steps.com_max:
+            com, rpy = self.guides[guide].interpolate(planned.covered + advance)
+            step, turn = np.linalg.norm(com - base.com), np.abs(rpy - base.rpy).max()
             if step <= steps.com_max * (1.0 - 1e-6) and turn <= max_turn:
                 return advance
             advance *= _SHRINKING
+        return 0.0
 
-    def _plan_round(self, before: PlannedRound, advance: float, number: int) -> PlannedRound:
-        """Plan the moves of all limbs in one round; raise MoveRejected where one has none."""
+    def _plan_round(self, before: PlannedRound, advance: _Advance, number: int) -> PlannedRound:
+        """Plan the moves of all limbs in one round; raise MoveRejected where one has none.
+
+        Where a limb cannot be moved because of one that has moved in the same round, that one is
+        moved to another foothold.
+        """
         gait = self.scene.gait
-        count = len(gait)
-        covered = before.covered + advance
-        is_last = covered >= self.guide.length - 1e-9
-        base = BodyPose(*self.guide.interpolate(covered))
-        standing = before.standing
+        covered = before.covered + advance.distance
+        base = BodyPose(*self.guides[advance.guide].interpolate(covered))
+        wanted = _Round(before, base, advance, number, covered >= self.length - 1e-9)
         moves: list[LimbMove] = []
-        for k, limb in enumerate(gait):
-            fraction = k / count
-            pose = BodyPose(
-                before.base.com + fraction * (base.com - before.base.com),
-                before.base.rpy + fraction * (base.rpy - before.base.rpy),
-            )
-            # A limb stands best where the body is half way between this move and its next
-            middle = before.covered + advance * ((k + 1) / count + 0.5)
-            nominal = (
-                self.scene.goal.toes[limb]
-                if is_last
-                else self.guide.place_nominal_toe(middle, self.scene.robot.stance_body[limb])
-            )
-            expected = self._expect_poses(before.covered, advance, k, pose)
-            max_distance = self.goal_tolerance[limb] if is_last else np.inf
-            footholds = self.finder.find(limb, standing.toes[limb], nominal, expected, max_distance)
-            move = self._find_move(standing, limb, nominal, footholds, pose, number)
-            moves.append(move)
-            standing = move.after
-        if is_last:
+        choices: list[Iterator[LimbMove]] = []
+        num_revised = 0
+        while len(moves) < len(gait):
+            k = len(moves)
+            if len(choices) == k:
+                standing = moves[-1].after if moves else before.standing
+                choices.append(self._generate_moves(wanted, k, standing))
+            try:
+                moves.append(next(choices[k]))
+            except MoveRejected as rejected:
+                earlier = [m for m in range(k) if gait[m] == rejected.by_limb]
+                if not earlier or num_revised == _MAX_REVISED:
+                    raise
+                num_revised += 1
+                del moves[earlier[0] :], choices[earlier[0] + 1 :]
+        standing = moves[-1].after
+        if wanted.is_last:
             try:
                 self.checker.check_way(standing, base)
             except MoveRejected as rejected:
                 raise MoveRejected(f"{rejected} on the way to the goal") from None
-        return PlannedRound(base, covered, standing, tuple(moves))
+        return PlannedRound(base, covered, standing, tuple(moves), advance.guide)
 
-    def _expect_poses(
-        self, covered: float, advance: float, k: int, pose: BodyPose
-    ) -> list[BodyPose]:
+    def _generate_moves(self, wanted: _Round, k: int, standing: Standing) -> Iterator[LimbMove]:
+        """Yield moves of the k-th limb that pass all checks, then raise why there are no more."""
+        limb = self.scene.gait[k]
+        pose, nominal = wanted.interpolate(k / len(self.scene.gait)), self._place_nominal(wanted, k)
+        max_distance = self.goal_tolerance[limb] if wanted.is_last else np.inf
+        expected = self._expect_poses(wanted, k, pose)
+        footholds = self.finder.find(limb, standing.toes[limb], nominal, expected, max_distance)
+        failure: MoveRejected | None = None
+        refused: list[Foothold] = []  # that passed, but not what came later
+        for foothold in footholds[:_MAX_TRIED]:
+            if any(np.linalg.norm(foothold.point - r.point) < _MIN_DISTANCE for r in refused):
+                continue
+            self.num_checked += 1
+            try:
+                move = self.checker.check(standing, limb, foothold, pose, wanted.number)
+            except MoveRejected as rejected:
+                failure = failure or rejected
+                if rejected.whatever_foothold:
+                    break
+                continue
+            yield move
+            refused.append(foothold)
+        if failure is not None:
+            raise failure
+        self.num_checked += 1
+        name, where = self.scene.robot.limb_names[limb], ", ".join(f"{v:.2f}" for v in nominal)
+        raise MoveRejected(
+            f"{name} has no{' other' if refused else ''} foothold within its reach and clear about "
+            f"({where})",
+            self.finder.suggest_longer_steps(limb, standing.toes[limb], nominal),
+        )
+
+    def _place_nominal(self, wanted: _Round, k: int) -> Array:
+        """Return the nominal toe (3,) of the k-th limb of a round."""
+        limb = self.scene.gait[k]
+        if wanted.is_last:
+            return np.asarray(self.scene.goal.toes[limb])
+        # A limb stands best where the body is half way between this move and its next
+        fraction = (k + 1) / len(self.scene.gait) + 0.5
+        middle = wanted.before.covered + wanted.advance.distance * fraction
+        guide = self.guides[wanted.advance.guide]
+        return guide.place_nominal_toe(middle, self.scene.robot.stance_body[limb])
+
+    def _expect_poses(self, wanted: _Round, k: int, pose: BodyPose) -> list[BodyPose]:
         """Return the body's poses at the k-th move of a round and at all until the limb's next.
 
         The shift over the standing limbs is that of each limb's last move.
         """
         gait, shifts = self.scene.gait, self.checker.shifts
-        count = len(gait)
+        count, guide = len(gait), self.guides[wanted.advance.guide]
         poses = [BodyPose(pose.com + shifts[gait[k]], pose.rpy)]
         for later in range(k + 1, k + count + 1):
-            com, rpy = self.guide.interpolate(covered + advance * later / count)
-            poses.append(BodyPose(com + shifts[gait[later % count]], rpy))
+            if later < count:
+                expected = wanted.interpolate(later / count)
+            else:
+                distance = wanted.advance.distance * later / count
+                expected = BodyPose(*guide.interpolate(wanted.before.covered + distance))
+            poses.append(replace(expected, com=expected.com + shifts[gait[later % count]]))
         return poses
-
-    def _find_move(
-        self,
-        standing: Standing,
-        limb: int,
-        nominal: Array,
-        footholds: list[Foothold],
-        pose: BodyPose,
-        number: int,
-    ) -> LimbMove:
-        """Return the first move that passes all checks; raise the first failure without one."""
-        failure: MoveRejected | None = None
-        for foothold in footholds[:_MAX_TRIED]:
-            self.num_checked += 1
-            try:
-                return self.checker.check(standing, limb, foothold, pose, number)
-            except MoveRejected as rejected:
-                failure = failure or rejected
-                if rejected.whatever_foothold:
-                    break
-        if failure is not None:
-            raise failure
-        name = self.scene.robot.limb_names[limb]
-        where = ", ".join(f"{v:.2f}" for v in nominal)
-        self.num_checked += 1
-        raise MoveRejected(f"{name} has no foothold within its reach and clear about ({where})")

@@ -86,8 +86,9 @@ class NoTrialSucceeded(Unresolved):
             replace(conflict, tried=True) for conflict in first.conflicts[:_MAX_CONFLICTS]
         ]
         lines += [f"  {_join_lines(str(conflict))}" for conflict in shown_conflicts]
-        lines.append(f"tried {len(failed_trials)} way{'s' if len(failed_trials) > 1 else ''}:")
-        lines += [f"  {_join_lines(str(trial))}" for trial in failed_trials]
+        if len(failed_trials) > 1:
+            lines.append(f"tried {len(failed_trials)} ways:")
+            lines += [f"  {_join_lines(str(trial))}" for trial in failed_trials]
         if time_ran_out:
             lines.append("the time limit ended the search for a plan: more of it may help")
         lines += format_remedies(remedies)

@@ -64,6 +64,8 @@ def generate_further_trials(scene: ClimbScene, error: NoPlanFound) -> Iterator[M
     first = select_first_trial(scene).method
     if select_window(scene) is not None:
         if first == _SEARCH.method:
+            if (com_shift := _choose_com_shift(scene)) is not None:
+                yield _build_trial(first, com_shift)
             yield _WINDOWS
         elif find_obstacle_to_method(scene) is None:
             yield _SEARCH

@@ -30,7 +30,8 @@ from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.kinematics import standing_inverse
 from climbplan.robots.rotations import rotation_world_body
 
-_NUM_POSES = 6  # checked along the way of the body between two moves
+_NUM_POSES = 8  # checked along the way of the body between two moves
+_BETWEEN_POSES = 1e-3  # [m] of room between links beyond that at the start, for poses between
 _TOLERANCE = 1e-9  # [m]
 _ENLARGEMENT = 1.5  # of a value that may help
 
@@ -179,8 +180,11 @@ class MoveChecker:
             raise MoveRejected(f"the body comes {1e3 * body:.1f} mm too close to the terrain")
         links = limb_capsules(scene.robot, solution.best())
         overlap = compute_self_shortfall(scene.robot, links)
-        if overlap.missing > _TOLERANCE:
-            raise MoveRejected(overlap.describe(scene.robot))
+        if overlap.missing > -_BETWEEN_POSES:
+            first = replace(links, starts=links.starts[:1], ends=links.ends[:1])
+            at_start = compute_self_shortfall(scene.robot, first).missing
+            if overlap.missing > max(min(at_start, _TOLERANCE), -_BETWEEN_POSES) + _TOLERANCE:
+                raise MoveRejected(overlap.describe(scene.robot), by_limb=overlap.limb)
         links = links.to_world(com, rotation_world_body(rpy))
         if scene.terrain.scan is not None:
             contacts = ToeContacts(toes[..., None, :], normals[..., None, :])

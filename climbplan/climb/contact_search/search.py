@@ -59,15 +59,18 @@ class _Advance:
     distance: float  # [m]
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Round:
-    """A round to plan."""
+    """A round that is planned, move by move."""
 
     before: PlannedRound
     base: BodyPose  # at its end
     advance: _Advance
     number: int  # from 1 on
     is_last: bool
+    moves: list[LimbMove] = field(default_factory=list)  # so far
+    choices: list[Iterator[LimbMove]] = field(default_factory=list)  # of the limbs so far
+    num_revised: int = 0  # moves that were withdrawn
 
     def interpolate(self, fraction: float) -> BodyPose:
         """Return the body's pose after a fraction of the round, without shifts."""
@@ -83,7 +86,8 @@ class _Node:
     """A round with the advances that are still to be tried after it."""
 
     planned: PlannedRound
-    advances: list[_Advance] = field(default_factory=list)
+    advances: list[_Advance]
+    made_by: _Round | None = None  # None for the start
 
 
 @dataclass(frozen=True)
@@ -145,16 +149,23 @@ class FootholdSearch:
                 stack.pop()
                 continue
             visits[place] += 1
-            advance = node.advances.pop(0)
+            wanted = self._begin_round(node.planned, node.advances.pop(0), len(stack))
             try:
-                planned = self._plan_round(node.planned, advance, len(stack))
+                planned = self._plan_round(wanted)
             except MoveRejected as rejected:
-                _log.debug("round %d by %.3f m: %s", len(stack), advance.distance, rejected)
+                _log.debug("round %d by %.3f m: %s", len(stack), wanted.advance.distance, rejected)
                 if len(stack) == len(furthest):
                     stopped_by = f"round {len(stack)}: {rejected}"
                     remedies = rejected.remedies
-                continue
-            stack.append(_Node(planned, self._list_advances(planned)))
+                if not rejected.whatever_foothold or wanted.moves or node.made_by is None:
+                    continue
+                # Before any limb moves: however far the body goes on, this round does not begin
+                stack.pop()
+                revised = self._revise_round(node.made_by, rejected.by_limb)
+                if revised is None:
+                    continue
+                planned, wanted = revised, node.made_by
+            stack.append(_Node(planned, self._list_advances(planned), wanted))
             if planned.covered > furthest[-1].covered:
                 furthest = [entry.planned for entry in stack]
             if planned.covered >= self.length - 1e-9:
@@ -201,39 +212,54 @@ class FootholdSearch:
             advance *= _SHRINKING
         return 0.0
 
-    def _plan_round(self, before: PlannedRound, advance: _Advance, number: int) -> PlannedRound:
-        """Plan the moves of all limbs in one round; raise MoveRejected where one has none.
+    def _begin_round(self, before: PlannedRound, advance: _Advance, number: int) -> _Round:
+        covered = before.covered + advance.distance
+        base = BodyPose(*self.guides[advance.guide].interpolate(covered))
+        return _Round(before, base, advance, number, covered >= self.length - 1e-9)
+
+    def _plan_round(self, wanted: _Round) -> PlannedRound:
+        """Plan the moves that a round still needs; raise MoveRejected where one has none.
 
         Where a limb cannot be moved because of one that has moved in the same round, that one is
         moved to another foothold.
         """
-        gait = self.scene.gait
-        covered = before.covered + advance.distance
-        base = BodyPose(*self.guides[advance.guide].interpolate(covered))
-        wanted = _Round(before, base, advance, number, covered >= self.length - 1e-9)
-        moves: list[LimbMove] = []
-        choices: list[Iterator[LimbMove]] = []
-        num_revised = 0
-        while len(moves) < len(gait):
+        moves, choices = wanted.moves, wanted.choices
+        while len(moves) < len(self.scene.gait):
             k = len(moves)
             if len(choices) == k:
-                standing = moves[-1].after if moves else before.standing
+                standing = moves[-1].after if moves else wanted.before.standing
                 choices.append(self._generate_moves(wanted, k, standing))
             try:
                 moves.append(next(choices[k]))
             except MoveRejected as rejected:
-                earlier = [m for m in range(k) if gait[m] == rejected.by_limb]
-                if not earlier or num_revised == _MAX_REVISED:
+                if not self._withdraw_move(wanted, rejected.by_limb):
                     raise
-                num_revised += 1
-                del moves[earlier[0] :], choices[earlier[0] + 1 :]
-        standing = moves[-1].after
         if wanted.is_last:
             try:
-                self.checker.check_way(standing, base)
+                self.checker.check_way(moves[-1].after, wanted.base)
             except MoveRejected as rejected:
                 raise MoveRejected(f"{rejected} on the way to the goal") from None
-        return PlannedRound(base, covered, standing, tuple(moves), advance.guide)
+        covered = wanted.before.covered + wanted.advance.distance
+        guide = wanted.advance.guide
+        return PlannedRound(wanted.base, covered, moves[-1].after, tuple(moves), guide)
+
+    def _withdraw_move(self, wanted: _Round, limb: int | None) -> bool:
+        """Withdraw a limb's move in a round, and those after it; return False where it has none."""
+        moved = [m for m in range(len(wanted.moves)) if self.scene.gait[m] == limb]
+        if not moved or wanted.num_revised == _MAX_REVISED:
+            return False
+        wanted.num_revised += 1
+        del wanted.moves[moved[0] :], wanted.choices[moved[0] + 1 :]
+        return True
+
+    def _revise_round(self, wanted: _Round, limb: int | None) -> PlannedRound | None:
+        """Return a planned round with a limb on another foothold; None where there is none."""
+        if not self._withdraw_move(wanted, limb):
+            return None
+        try:
+            return self._plan_round(wanted)
+        except MoveRejected:
+            return None
 
     def _generate_moves(self, wanted: _Round, k: int, standing: Standing) -> Iterator[LimbMove]:
         """Yield moves of the k-th limb that pass all checks, then raise why there are no more."""

@@ -50,19 +50,19 @@ def measure_motion_distance(segments: Array, solid: ConvexBody, sufficient: floa
     bound = solid.separation_by_faces(segments)[:, 0]
     is_measured = np.zeros(len(segments), bool)
     normals, offsets = np.zeros_like(segments[:, 0]), np.full(len(segments), np.inf)
-    edges, least = find_body_edges(solid), sufficient
+    edges, min_distance = find_body_edges(solid), sufficient
     for stride in _STRIDES:
-        open_poses = np.flatnonzero(~(bound >= least) & ~is_measured)  # NaN stays open
+        open_poses = np.flatnonzero(~(bound >= min_distance) & ~is_measured)  # NaN stays open
         if stride > 1 and len(open_poses) <= stride:
             continue
         chosen = open_poses[::stride]
-        for some in np.array_split(chosen, len(chosen) // _CHUNK_SIZE + 1):
-            gap, normals[some], offsets[some] = _measure_plane_gaps(
-                segments[some, 0], segments[some, 1], solid, edges
+        for rows in np.array_split(chosen, len(chosen) // _CHUNK_SIZE + 1):
+            gap, normals[rows], offsets[rows] = _measure_plane_gaps(
+                segments[rows, 0], segments[rows, 1], solid, edges
             )
-            bound[some] = np.maximum(bound[some], gap)  # NaN stays
+            bound[rows] = np.maximum(bound[rows], gap)  # NaN stays
         is_measured[chosen] = True
-        least = np.fmin(least, bound[chosen].min(initial=np.inf))
+        min_distance = np.fmin(min_distance, bound[chosen].min(initial=np.inf))
         for neighbours in _find_measured_neighbours(is_measured):
             neighbour = neighbours[open_poses]
             ends = segments[open_poses] @ normals[neighbour][:, :, None]  # (P, 2, 1)

@@ -136,27 +136,35 @@ class MoveChecker:
         if overlap is not None:
             raise MoveRejected(overlap[0].describe(scene.robot))
         self._require_forces(instants, limb)
+        path = self._plan_swing(standing, limb, foothold, pose, lifted)
+        first = Instants(**{name: value[:1] for name, value in vars(instants).items()})
+        return LimbMove(first, path, after)
+
+    def _plan_swing(
+        self, standing: Standing, limb: int, foothold: Foothold, pose: BodyPose, lifted: Instants
+    ) -> Array:
+        """Plan the way points (P, 3) of a swing; raise MoveRejected where all ways are blocked."""
+        normals = [self.normals[region] for region in (standing.region[limb], foothold.region)]
         swing = LimbSwing(
             limb=limb,
             com=pose.com,
             rpy=pose.rpy,
             old=standing.toes[limb],
             new=foothold.point,
-            normals=np.stack([self.normals[standing.region[limb]], normal]),
-            where=instants.label(0, self.names),
+            normals=np.stack(normals),
+            where=lifted.label(0, self.names),
             toes=standing.toes,
             still=~lifted.lifted[0],
             under=lifted.normal[0],
         )
         try:
-            path = plan_swing_path(scene, swing)
+            return plan_swing_path(self.scene, swing)
         except NoPlanFound as error:
             conflicts = "; ".join(str(conflict) for conflict in error.conflicts)
-            higher = self._enlarge("trajectory.swing_clearance", lift, "m")
+            clearance = self.scene.spec.trajectory.swing_clearance
+            higher = self._enlarge("trajectory.swing_clearance", clearance, "m")
             reason = f"swing of {self.names[limb]}: {conflicts or error}"
             raise MoveRejected(reason, (higher,)) from None
-        first = Instants(**{name: value[:1] for name, value in vars(instants).items()})
-        return LimbMove(first, path, after)
 
     def check_way(self, standing: Standing, pose: BodyPose) -> None:
         """Check the way of the body to a pose while all limbs stand.

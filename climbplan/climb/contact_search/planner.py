@@ -76,14 +76,14 @@ def _keep_part(
         count -= 1
     if count == 1:
         return None
-    part = replace(result, rounds=result.rounds[:count])
-    last = part.rounds[-1]
+    kept_result = replace(result, rounds=result.rounds[:count])
+    last = kept_result.rounds[-1]
     return PartialClimb(
         end=ClimbStance(last.base.com, last.base.rpy, last.standing.toes, last.standing.region),
         num_rounds=count - 1,
         covered=last.covered,
         length=search.length,
-        build=lambda scene: _plan_motion(scene, part, clock),
+        build=lambda scene: _plan_motion(scene, kept_result, clock),
     )
 
 

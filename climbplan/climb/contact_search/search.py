@@ -149,23 +149,25 @@ class FootholdSearch:
                 stack.pop()
                 continue
             visits[place] += 1
-            wanted = self._begin_round(node.planned, node.advances.pop(0), len(stack))
+            next_round = self._begin_round(node.planned, node.advances.pop(0), len(stack))
             try:
-                planned = self._plan_round(wanted)
+                planned = self._plan_round(next_round)
             except MoveRejected as rejected:
-                _log.debug("round %d by %.3f m: %s", len(stack), wanted.advance.distance, rejected)
+                _log.debug(
+                    "round %d by %.3f m: %s", len(stack), next_round.advance.distance, rejected
+                )
                 if len(stack) == len(furthest):
                     stopped_by = f"round {len(stack)}: {rejected}"
                     remedies = rejected.remedies
-                if not rejected.whatever_foothold or wanted.moves or node.made_by is None:
+                if not rejected.whatever_foothold or next_round.moves or node.made_by is None:
                     continue
                 # Before any limb moves: however far the body goes on, this round does not begin
                 stack.pop()
                 revised = self._revise_round(node.made_by, rejected.by_limb)
                 if revised is None:
                     continue
-                planned, wanted = revised, node.made_by
-            stack.append(_Node(planned, self._list_advances(planned), wanted))
+                planned, next_round = revised, node.made_by
+            stack.append(_Node(planned, self._list_advances(planned), next_round))
             if planned.covered > furthest[-1].covered:
                 furthest = [entry.planned for entry in stack]
             if planned.covered >= self.length - 1e-9:
@@ -187,11 +189,13 @@ class FootholdSearch:
         The longest ones come first, along the path of that round before others.
         """
         remaining = self.length - planned.covered
-        others = [g for g in range(len(self.guides)) if g != planned.guide]
-        longest = {g: self._find_longest_advance(planned, g) for g in (planned.guide, *others)}
+        other_guides = [g for g in range(len(self.guides)) if g != planned.guide]
+        longest = {
+            g: self._find_longest_advance(planned, g) for g in (planned.guide, *other_guides)
+        }
         tried = [(pace, planned.guide) for pace in _PACES]
-        tried[1:1] = [(_PACES[0], other) for other in others]
-        tried += [(pace, other) for pace in _PACES[1:] for other in others]
+        tried[1:1] = [(_PACES[0], guide) for guide in other_guides]
+        tried += [(pace, guide) for pace in _PACES[1:] for guide in other_guides]
         advances = [
             _Advance(guide, min(pace * longest[guide], remaining))
             for pace, guide in tried
@@ -217,56 +221,59 @@ class FootholdSearch:
         base = BodyPose(*self.guides[advance.guide].interpolate(covered))
         return _Round(before, base, advance, number, covered >= self.length - 1e-9)
 
-    def _plan_round(self, wanted: _Round) -> PlannedRound:
+    def _plan_round(self, next_round: _Round) -> PlannedRound:
         """Plan the moves that a round still needs; raise MoveRejected where one has none.
 
         Where a limb cannot be moved because of one that has moved in the same round, that one is
         moved to another foothold.
         """
-        moves, choices = wanted.moves, wanted.choices
+        moves, choices = next_round.moves, next_round.choices
         while len(moves) < len(self.scene.gait):
             k = len(moves)
             if len(choices) == k:
-                standing = moves[-1].after if moves else wanted.before.standing
-                choices.append(self._generate_moves(wanted, k, standing))
+                standing = moves[-1].after if moves else next_round.before.standing
+                choices.append(self._generate_moves(next_round, k, standing))
             try:
                 moves.append(next(choices[k]))
             except MoveRejected as rejected:
-                if not self._withdraw_move(wanted, rejected.by_limb):
+                if not self._withdraw_move(next_round, rejected.by_limb):
                     raise
-        if wanted.is_last:
+        if next_round.is_last:
             try:
-                self.checker.check_way(moves[-1].after, wanted.base)
+                self.checker.check_way(moves[-1].after, next_round.base)
             except MoveRejected as rejected:
                 raise MoveRejected(f"{rejected} on the way to the goal") from None
-        covered = wanted.before.covered + wanted.advance.distance
-        guide = wanted.advance.guide
-        return PlannedRound(wanted.base, covered, moves[-1].after, tuple(moves), guide)
+        covered = next_round.before.covered + next_round.advance.distance
+        guide = next_round.advance.guide
+        return PlannedRound(next_round.base, covered, moves[-1].after, tuple(moves), guide)
 
-    def _withdraw_move(self, wanted: _Round, limb: int | None) -> bool:
+    def _withdraw_move(self, next_round: _Round, limb: int | None) -> bool:
         """Withdraw a limb's move in a round, and those after it; return False where it has none."""
-        moved = [m for m in range(len(wanted.moves)) if self.scene.gait[m] == limb]
-        if not moved or wanted.num_revised == _MAX_REVISED:
+        positions = [m for m in range(len(next_round.moves)) if self.scene.gait[m] == limb]
+        if not positions or next_round.num_revised == _MAX_REVISED:
             return False
-        wanted.num_revised += 1
-        del wanted.moves[moved[0] :], wanted.choices[moved[0] + 1 :]
+        next_round.num_revised += 1
+        del next_round.moves[positions[0] :], next_round.choices[positions[0] + 1 :]
         return True
 
-    def _revise_round(self, wanted: _Round, limb: int | None) -> PlannedRound | None:
+    def _revise_round(self, next_round: _Round, limb: int | None) -> PlannedRound | None:
         """Return a planned round with a limb on another foothold; None where there is none."""
-        if not self._withdraw_move(wanted, limb):
+        if not self._withdraw_move(next_round, limb):
             return None
         try:
-            return self._plan_round(wanted)
+            return self._plan_round(next_round)
         except MoveRejected:
             return None
 
-    def _generate_moves(self, wanted: _Round, k: int, standing: Standing) -> Iterator[LimbMove]:
+    def _generate_moves(self, next_round: _Round, k: int, standing: Standing) -> Iterator[LimbMove]:
         """Yield moves of the k-th limb that pass all checks, then raise why there are no more."""
         limb = self.scene.gait[k]
-        pose, nominal = wanted.interpolate(k / len(self.scene.gait)), self._place_nominal(wanted, k)
-        max_distance = self.goal_tolerance[limb] if wanted.is_last else np.inf
-        expected = self._expect_poses(wanted, k, pose)
+        pose, nominal = (
+            next_round.interpolate(k / len(self.scene.gait)),
+            self._place_nominal(next_round, k),
+        )
+        max_distance = self.goal_tolerance[limb] if next_round.is_last else np.inf
+        expected = self._expect_poses(next_round, k, pose)
         footholds = self.finder.find(limb, standing.toes[limb], nominal, expected, max_distance)
         failure: MoveRejected | None = None
         refused: list[Foothold] = []  # that passed, but not what came later
@@ -275,7 +282,7 @@ class FootholdSearch:
                 continue
             self.num_checked += 1
             try:
-                move = self.checker.check(standing, limb, foothold, pose, wanted.number)
+                move = self.checker.check(standing, limb, foothold, pose, next_round.number)
             except MoveRejected as rejected:
                 failure = failure or rejected
                 if rejected.whatever_foothold:
@@ -293,30 +300,30 @@ class FootholdSearch:
             self.finder.suggest_longer_steps(limb, standing.toes[limb], nominal),
         )
 
-    def _place_nominal(self, wanted: _Round, k: int) -> Array:
+    def _place_nominal(self, next_round: _Round, k: int) -> Array:
         """Return the nominal toe (3,) of the k-th limb of a round."""
         limb = self.scene.gait[k]
-        if wanted.is_last:
+        if next_round.is_last:
             return np.asarray(self.scene.goal.toes[limb])
         # A limb stands best where the body is half way between this move and its next
         fraction = (k + 1) / len(self.scene.gait) + 0.5
-        middle = wanted.before.covered + wanted.advance.distance * fraction
-        guide = self.guides[wanted.advance.guide]
+        middle = next_round.before.covered + next_round.advance.distance * fraction
+        guide = self.guides[next_round.advance.guide]
         return guide.place_nominal_toe(middle, self.scene.robot.stance_body[limb])
 
-    def _expect_poses(self, wanted: _Round, k: int, pose: BodyPose) -> list[BodyPose]:
+    def _expect_poses(self, next_round: _Round, k: int, pose: BodyPose) -> list[BodyPose]:
         """Return the body's poses at the k-th move of a round and at all until the limb's next.
 
         The shift over the standing limbs is that of each limb's last move.
         """
         gait, shifts = self.scene.gait, self.checker.shifts
-        count, guide = len(gait), self.guides[wanted.advance.guide]
+        count, guide = len(gait), self.guides[next_round.advance.guide]
         poses = [BodyPose(pose.com + shifts[gait[k]], pose.rpy)]
         for later in range(k + 1, k + count + 1):
             if later < count:
-                expected = wanted.interpolate(later / count)
+                expected = next_round.interpolate(later / count)
             else:
-                distance = wanted.advance.distance * later / count
-                expected = BodyPose(*guide.interpolate(wanted.before.covered + distance))
+                distance = next_round.advance.distance * later / count
+                expected = BodyPose(*guide.interpolate(next_round.before.covered + distance))
             poses.append(replace(expected, com=expected.com + shifts[gait[later % count]]))
         return poses

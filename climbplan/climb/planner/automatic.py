@@ -96,9 +96,9 @@ class NoTrialSucceeded(Unresolved):
         super().__init__("\n".join(lines), because=reason, stage=first.stage, remedies=remedies)
         self.conflicts = [replace(c, remedies=()) for c in first.conflicts]
         self.tried = tuple(failed_trials)
-        found = [failure.error.partial for failure in failed_trials]
-        parts = [part for part in found if isinstance(part, PartialClimb)]
-        self.partial = max(parts, key=lambda part: part.covered / part.length, default=None)
+        partials = [failure.error.partial for failure in failed_trials]
+        climbs = [partial for partial in partials if isinstance(partial, PartialClimb)]
+        self.partial = max(climbs, key=lambda climb: climb.covered / climb.length, default=None)
 
 
 _MAX_CONFLICTS = 6  # conflicts of the first trial

@@ -80,7 +80,6 @@ def plan_climb(
         attempts.append(climb)
         return plan_by_method(climb, clock, deadline, model_path, nodes)
 
-    limit = loaded.spec.solver.time_limit
     try:
         if loaded.spec.solver.method == "auto":
             from climbplan.climb.planner.automatic import plan_automatically
@@ -88,16 +87,10 @@ def plan_climb(
             plan = plan_automatically(loaded, build_scene_of_spec, plan_until)
         else:
             try:
-                plan = plan_until(loaded, begin + limit)
+                plan = plan_until(loaded, begin + loaded.spec.solver.time_limit)
             except NoPlanFound as error:
-                from climbplan.climb.planner.proof import PROOF_TIME_FRACTION, prove_infeasibility
-
-                # What a method cannot do proves nothing; a proof is worth more than what it says
-                end = time.monotonic() + PROOF_TIME_FRACTION * limit
-                proof = prove_infeasibility(build_scene_of_spec(loaded.spec), end, nodes)
-                if proof is None:
-                    raise
-                raise proof from error
+                _raise_proof(build_scene_of_spec(loaded.spec), error, nodes)
+                raise
     except NoPlanFound as error:
         if isinstance(error.partial, PartialClimb):
             error.partial = _complete_partial_plan(error.partial, clock)
@@ -109,6 +102,19 @@ def plan_climb(
             plan = replace(plan, study=run_study(loaded, jobs, clock.report))
     plan = replace(plan, timings=dict(clock.seconds))
     return replace(plan, summary=format_summary(plan))
+
+
+def _raise_proof(scene: ClimbScene, error: NoPlanFound, nodes: float) -> None:
+    """Raise Infeasible where it is proved that a scene has no plan.
+
+    What a method cannot do proves nothing; a proof is worth more than what it says.
+    """
+    from climbplan.climb.planner.proof import PROOF_TIME_FRACTION, prove_infeasibility
+
+    end = time.monotonic() + PROOF_TIME_FRACTION * scene.spec.solver.time_limit
+    proof = prove_infeasibility(scene, end, nodes)
+    if proof is not None:
+        raise proof from error
 
 
 def plan_by_method(
@@ -159,19 +165,19 @@ def plan_by_method(
     return _time_motion(loaded, planned, clock, assumed)
 
 
-def _complete_partial_plan(part: PartialClimb, clock: StageClock) -> ClimbPlan | None:
+def _complete_partial_plan(partial: PartialClimb, clock: StageClock) -> ClimbPlan | None:
     """Return what was found before a search ended, as the plan of a nearer goal; None if it fails.
 
     Clearance and forces are those of the whole part, which the search has not looked at.
     """
-    loaded = part.loaded
+    loaded = partial.loaded
     assert loaded is not None
-    goal = {"com": part.end.com.tolist(), "rpy_deg": np.rad2deg(part.end.rpy).tolist()}
+    goal = {"com": partial.end.com.tolist(), "rpy_deg": np.rad2deg(partial.end.rpy).tolist()}
     overrides = [Override.of(f"task.goal.{key}", goal[key], "partial plan") for key in goal]
     try:
         nearer = loaded.with_overrides(overrides)
         scene = build_scene(nearer.spec, nearer.robot, nearer.source, nearer.directory)
-        planned = part.build(scene)
+        planned = partial.build(scene)
         plan = _time_motion(
             nearer, planned, clock, list_assumptions(nearer.robot, planned.scene.robot)
         )
@@ -179,8 +185,8 @@ def _complete_partial_plan(part: PartialClimb, clock: StageClock) -> ClimbPlan |
         _log.info("partial   %s", failure)
         return None
     note = (
-        f"partial: {part.covered:.2f} of {part.length:.2f} m of the way to the goal, in "
-        f"{part.num_rounds} rounds; the goal in the plan's spec is where it ends"
+        f"partial: {partial.covered:.2f} of {partial.length:.2f} m of the way to the goal, in "
+        f"{partial.num_rounds} rounds; the goal in the plan's spec is where it ends"
     )
     return replace(plan, status="partial", warnings=(note, *plan.warnings))
 

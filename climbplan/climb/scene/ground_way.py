@@ -40,8 +40,8 @@ def follow_ground(
     heights = _measure_heights(start[:2] + beyond * (goal - start)[:2], ground)
     window = np.ones(2 * margin + 1) / (2 * margin + 1)
     averaged = np.convolve(heights, window, mode="valid")
-    room = (points[0, 2] - averaged[0], points[-1, 2] - averaged[-1])
-    points[:, 2] = averaged + room[0] + fraction * (room[1] - room[0])
+    body_height = (points[0, 2] - averaged[0], points[-1, 2] - averaged[-1])
+    points[:, 2] = averaged + body_height[0] + fraction * (body_height[1] - body_height[0])
     return points[_select_corners(points)]
 
 
@@ -65,7 +65,7 @@ def _measure_heights(places: Array, ground: Sequence[FoundRegion]) -> Array:
 
 def _select_corners(points: Array) -> list[int]:
     """Return the rows of a polyline (P, 3) that stay (D. Douglas and T. Peucker, 1973)."""
-    kept, open_pieces = {0, len(points) - 1}, [(0, len(points) - 1)]
+    corners_so_far, open_pieces = {0, len(points) - 1}, [(0, len(points) - 1)]
     while open_pieces:
         first, last = open_pieces.pop()
         piece = points[first : last + 1]
@@ -73,6 +73,6 @@ def _select_corners(points: Array) -> list[int]:
         distance = np.linalg.norm(piece - chord, axis=1)
         if distance.max() > _TOLERANCE:
             middle = first + int(distance.argmax())
-            kept.add(middle)
+            corners_so_far.add(middle)
             open_pieces += [(first, middle), (middle, last)]
-    return sorted(kept)
+    return sorted(corners_so_far)

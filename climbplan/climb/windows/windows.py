@@ -204,13 +204,13 @@ def _keep_furthest(
     rounds = progress.furthest
     if rounds is None:
         return None
-    kept = replace(progress, rounds=rounds, covered=progress.furthest_covered)
+    furthest = replace(progress, rounds=rounds, covered=progress.furthest_covered)
     return PartialClimb(
-        end=kept.stance,
+        end=furthest.stance,
         num_rounds=rounds.count,
-        covered=kept.covered,
+        covered=furthest.covered,
         length=path.length,
-        build=lambda scene: _join_windows(scene, kept, window, clock),
+        build=lambda scene: _join_windows(scene, furthest, window, clock),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +20,17 @@ from climbplan.robots.urdf.proposal.propose_robot import propose_robot, read_tre
 from climbplan.robots.urdf.proposal.robot_document import format_robot_document, format_urdf_path
 from climbplan.walking.planner.proposed_walk import ProposedWalk, plan_proposed_walk
 
-_CHOICE_SEED, _CHOICE_WORLDS = 1_000_003, 100  # of worlds by which postures are chosen
+_CHOICE_SEED, _CHOICE_WORLDS = 1_000_003, 40  # of worlds by which postures are chosen
+# Stages by the beginnings of their reports, with their usual fractions of the whole time
+_STAGE_FRACTIONS = {
+    "proposing": 0.2,
+    "planning a walk on flat ground": 0.2,
+    "planning: climbs": 0.15,
+    "planning: goes": 0.2,
+    "counting": 0.1,
+    "planning a walk at speed": 0.15,
+}
+_FRESH_WORLDS = 100  # by which nothing is chosen, of which the notes tell
 _TRIANGLES = 800  # of one shape in the pictures of a page
 
 
@@ -62,6 +73,7 @@ def new_robot(
         SpecError: the URDF has mistakes.
         UsageError: no robot configuration can be generated from it.
     """
+    report = _StageReport(report)
     report("proposing legs, toes and postures")
     proposal = propose_robot(urdf, toes=toes)
     planned = plan_proposal(proposal, directory, report, _sample_for_choice)
@@ -98,6 +110,27 @@ def new_robot(
     return NewRobot(planned.name, planned.files | walks | page, tuple(notes))
 
 
+class _StageReport:
+    """Report stages with how many there are, the CPU time so far and an estimate of the rest."""
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report, self._begin = report, time.process_time()
+
+    def __call__(self, words: str) -> None:
+        """Report the beginning of a stage, or of a step in it."""
+        stages = list(_STAGE_FRACTIONS)
+        number = next((i for i, stage in enumerate(stages) if words.startswith(stage)), None)
+        if number is None:
+            self._report(words)
+            return
+        elapsed = time.process_time() - self._begin
+        done = sum(_STAGE_FRACTIONS[stage] for stage in stages[:number])
+        estimate = f"; {elapsed:.0f} s of CPU so far" if done else ""
+        if done:
+            estimate += f", about {elapsed * (1 - done) / done:.0f} s to go"
+        self._report(f"{number + 1} of {len(stages)}: {words}{estimate}")
+
+
 def _sample_for_choice(plan: ClimbPlan) -> WorldSample | None:
     """Count falls in the worlds by which postures are chosen; None for robots of no engine."""
     try:
@@ -111,6 +144,6 @@ def _in_fresh_worlds(outcome: SpecOutcome) -> SpecOutcome:
     plan = outcome.plan
     if plan is None or outcome.sample is None:
         return outcome
-    sample = sample_worlds(plan, plan.seed)
+    sample = sample_worlds(plan, plan.seed, _FRESH_WORLDS)
     needed = "" if sample.enough else suggest_knowledge(plan, _CHOICE_SEED, _CHOICE_WORLDS)
     return replace(outcome, sample=sample, needed=needed)

@@ -13,9 +13,7 @@ from climbplan.robots.urdf.proposal.postures import LeggedPosture
 from climbplan.robots.urdf.proposal.prepared_robot import RobotProposal
 
 NEGLIGIBLE_MARGIN = 0.01  # fraction of margins: plans with no more may fall, motors at their limits
-TARGET_STANDING = (
-    0.98  # fraction of worlds without a fall, at which the search for better plans ends
-)
+TARGET_STANDING = 0.95  # fraction of worlds without a fall that ends the search for better plans
 
 SampleWorlds = Callable[[ClimbPlan], WorldSample | None]
 """Counts falls in worlds of a plan's uncertainty; None for robots that no engine knows."""
@@ -58,14 +56,21 @@ class SpecOutcome:
         """Key that is larger for better outcomes: a usable plan, then worlds, then margins."""
         return self.plan is not None, not self.implausible, self.standing, self.margin_fraction
 
-    def is_good_enough(self, min_margin_fraction: float) -> bool:
-        """Return whether no better plan is needed; the fraction counts without sampled worlds."""
+    def is_good_enough(
+        self, min_margin_fraction: float, min_standing: float = TARGET_STANDING
+    ) -> bool:
+        """Return whether no better plan is needed.
+
+        Args:
+            min_margin_fraction: Fraction of margins that counts where no worlds were sampled.
+            min_standing: Fraction of sampled worlds without a fall.
+        """
         if self.plan is None or self.implausible:
             return False
         return (
             self.margin_fraction >= min_margin_fraction
             if self.sample is None
-            else self.standing >= TARGET_STANDING
+            else self.standing >= min_standing
         )
 
     def __str__(self) -> str:

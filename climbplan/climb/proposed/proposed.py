@@ -4,14 +4,19 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
+from itertools import islice, zip_longest
 from pathlib import Path
 
 from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.planner.planner import plan_climb
-from climbplan.climb.proposed.outcome import NEGLIGIBLE_MARGIN, SampleWorlds, SpecOutcome
+from climbplan.climb.proposed.outcome import (
+    NEGLIGIBLE_MARGIN,
+    TARGET_STANDING,
+    SampleWorlds,
+    SpecOutcome,
+)
 from climbplan.climb.schema.loading import load_climb
 from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.transition.planner import plan_transition
@@ -31,20 +36,23 @@ from climbplan.robots.urdf.proposal.spec_documents import (
 )
 
 _MAX_STANDING_POSTURES = 4  # standing postures that are planned with
-_MAX_BRACING_POSTURES = 8  # bracing postures that are planned with
+_MAX_BRACING_POSTURES = 6  # bracing postures that are planned with
+_MAX_BRACING_PLANS = 4  # plans among which the best is chosen
 _MIN_MARGIN_FRACTION = 0.9  # of its margins: plans that keep less may fall
 _FULL_MARGIN_FRACTION = 0.95  # of its margins: motors have something left to press with
 _LARGER_MARGINS = ("{slip: 0.5, friction: 0.16}", "{slip: 0.6, friction: 0.24, normal_force: 0.15}")
 _MAX_ALTERNATIVE_POSTURES = 6  # postures that bend limbs otherwise than the robot stands
 _WALL_MIN_MARGIN_FRACTION = 0.5  # of a transition's, whose stances are fewer to choose from
-_MAX_WALL_PLANS = 3  # transitions that are planned to the end, at most
+_MAX_WALL_PLANS = 2  # transitions that are planned to the end, at most
+_WALL_TARGET_STANDING = 0.9  # fraction of worlds without a fall that ends their search
 # Work decides what is found, the same on any machine under any load; the clock only caps
 _MAX_NODES = 2000  # of each search for postures by branch and bound; most take one
 _TIME_LIMIT = 3600.0  # [s]
 _METHOD = ("solver.method=micp", f"solver.time_limit={_TIME_LIMIT}")
 # Motions of sequences take ten seconds and more each
-_WALL_SEQUENCES = 6  # of a transition, that are planned to the end
-_MAX_WALL_POSTURES = 5  # bracing postures that transitions are planned to
+_WALL_SEQUENCES = 2  # of a transition, that are planned to the end
+_WALL_MARGIN_FRACTIONS = 1.2, 0.0  # of the margins, that motions of a sequence are planned with
+_MAX_WALL_POSTURES = 2  # bracing postures that transitions are planned to
 _WALL_METHOD = (
     "solver.method=stance-search",
     f"solver.time_limit={_TIME_LIMIT}",
@@ -90,6 +98,8 @@ class ProposalTrials:
         self.wall_bracing_file = f"{self.name}_wall_bracing.yaml"
         self._write_robot(proposal)
         self._alternatives: list[RobotProposal] | None = None
+        self._bracing_alternatives: list[RobotProposal] | None = None
+        self._climbs: list[SpecOutcome] = []  # between walls, with postures of the proposal
         self.ground = first = self._plan_walk()
         if first.plan is not None:
             return
@@ -164,10 +174,11 @@ class ProposalTrials:
         at one that keeps nearly all of its margins. If no posture leads to a plan with margins,
         postures that bend the limbs differently are tried. If none works, the outcome states why.
         """
-        task, limits = "climbs between walls", (_MAX_BRACING_POSTURES, _MAX_BRACING_POSTURES)
-        first = self._plan_bracing_postures(
-            task, format_chimney_document, report, _MIN_MARGIN_FRACTION, limits
-        )
+        task = "climbs between walls"
+        braces = _interleave_frictions(self.proposal.braces)[:_MAX_BRACING_POSTURES]
+        planned = self._plan_bracing_postures(task, braces, format_chimney_document, report)
+        targets = _MIN_MARGIN_FRACTION, TARGET_STANDING
+        first, self._climbs = self._select_best(task, planned, _MAX_BRACING_PLANS, targets)
         first = self._try_larger_margins(first, report)
         return self._try_alternative_postures(
             task, first, report, _MIN_MARGIN_FRACTION, self.bracing_file, format_chimney_document
@@ -207,7 +218,11 @@ class ProposalTrials:
             return first
         report(f"planning: {task}, limbs bent otherwise than it stands")
         best: SpecOutcome | None = None
-        for alternative in propose_bracing_postures(self.proposal, _MAX_ALTERNATIVE_POSTURES):
+        if self._bracing_alternatives is None:
+            self._bracing_alternatives = propose_bracing_postures(
+                self.proposal, _MAX_ALTERNATIVE_POSTURES
+            )
+        for alternative in self._bracing_alternatives:
             robot = format_robot_document(alternative, str(alternative.draft.urdf), "")
             (self.folder / file).write_text(robot, encoding="utf-8")
             (brace,) = alternative.braces
@@ -224,12 +239,17 @@ class ProposalTrials:
         return best
 
     def plan_wall(self, report: Report) -> SpecOutcome:
-        """Plan a transition from the ground to walls; postures are selected as for climbs."""
+        """Plan a transition from the ground to walls; postures are selected as for climbs.
+
+        Postures between whose walls the robot climbs well come first.
+        """
         task = "goes from the ground to walls"
-        limits = _MAX_WALL_PLANS, _MAX_WALL_POSTURES
-        first = self._plan_bracing_postures(
-            task, format_wall_document, report, _WALL_MIN_MARGIN_FRACTION, limits
-        )
+        targets = _WALL_MIN_MARGIN_FRACTION, _WALL_TARGET_STANDING
+        braces = self._rank_braces()[:_MAX_WALL_POSTURES]
+        planned = self._plan_bracing_postures(task, braces, format_wall_document, report)
+        first, _ = self._select_best(task, planned, _MAX_WALL_PLANS, targets)
+        if first.plan is None and any(climb.plan is not None for climb in self._climbs):
+            return first  # it braces with its limbs bent as it stands, so others promise little
 
         def document(proposal: RobotProposal, file: str, brace: LeggedPosture) -> str:
             return format_wall_document(place_on_ground(proposal, self.proposal), file, brace)
@@ -238,32 +258,60 @@ class ProposalTrials:
             task, first, report, _WALL_MIN_MARGIN_FRACTION, self.wall_bracing_file, document
         )
 
+    def _rank_braces(self) -> list[LeggedPosture]:
+        """Return bracing postures: those that climb by their outcomes, the unplanned, the others.
+
+        Postures without a climb come last, because what holds nothing between walls holds nothing
+        on the way there either.
+        """
+        tried = sorted(self._climbs, key=lambda outcome: outcome.rank, reverse=True)
+        climbing = [o.brace for o in tried if o.plan is not None and o.brace is not None]
+        failing = [o.brace for o in tried if o.plan is None and o.brace is not None]
+        planned = {id(brace) for brace in (*climbing, *failing)}
+        untried = [
+            brace
+            for brace in _interleave_frictions(self.proposal.braces)
+            if id(brace) not in planned
+        ]
+        return [*climbing, *untried, *failing]
+
     def _plan_bracing_postures(
         self,
         task: str,
+        braces: list[LeggedPosture],
         document: FormatDocument,
         report: Report,
-        min_margin_fraction: float,
-        limits: tuple[int, int],
-    ) -> SpecOutcome:
-        """Plan with bracing postures in turn; limits: on plans, and on postures."""
-        best: SpecOutcome | None = None
-        planned = 0
-        plans, postures = limits
-        for number, posture in enumerate(_mix_by_friction(self.proposal.braces)[:postures], 1):
+    ) -> Iterator[SpecOutcome]:
+        """Plan with bracing postures in turn and yield their outcomes."""
+        for number, posture in enumerate(braces, 1):
             report(f"planning: {task}, posture {number}")
-            outcome = self._plan_spec(
-                task, document(self.proposal, self.robot_file, posture), posture
-            )
-            planned += outcome.plan is not None
-            if best is None or outcome.rank > best.rank:
-                best = outcome
-            if best.is_good_enough(min_margin_fraction) or planned == plans:
+            yield self._plan_spec(task, document(self.proposal, self.robot_file, posture), posture)
+
+    def _select_best(
+        self,
+        task: str,
+        outcomes: Iterable[SpecOutcome],
+        max_plans: int,
+        targets: tuple[float, float],
+    ) -> tuple[SpecOutcome, list[SpecOutcome]]:
+        """Return the best outcome up to the first that is good enough, and those up to there.
+
+        Args:
+            task: What is planned, for a robot without any posture.
+            outcomes: Of postures, in their order.
+            max_plans: Number of plans after which no further outcome is taken.
+            targets: Fraction of margins and of worlds without a fall that are good enough.
+        """
+        tried: list[SpecOutcome] = []
+        for outcome in outcomes:
+            tried.append(outcome)
+            num_plans = sum(o.plan is not None for o in tried)
+            if outcome.is_good_enough(*targets) or num_plans == max_plans:
                 break
-        if best is not None:
-            return best
+        if tried:
+            return max(tried, key=lambda outcome: outcome.rank), tried
         why = f"no posture between walls was found{self.proposal.brace_failure}"
-        return SpecOutcome(task, None, why)
+        return SpecOutcome(task, None, why), tried
 
     def _plan_spec(self, task: str, text: str, brace: LeggedPosture | None = None) -> SpecOutcome:
         """Plan and verify a spec; the outcome states why there is no plan."""
@@ -271,7 +319,9 @@ class ProposalTrials:
         path.write_text(text, encoding="utf-8")
         try:
             if text.partition("\nkind: ")[2].startswith("transition"):
-                plan = plan_transition(load_transition(path, _WALL_METHOD))
+                plan = plan_transition(
+                    load_transition(path, _WALL_METHOD), margin_fractions=_WALL_MARGIN_FRACTIONS
+                )
             else:
                 plan = plan_climb(load_climb(path, _METHOD), nodes=_MAX_NODES)
         except (NoPlanFound, SpecError, UsageError) as error:
@@ -339,16 +389,13 @@ def _summarise_failure(error: Exception) -> str:
     return "; ".join(line for line in lines if line)
 
 
-def _mix_by_friction(braces: tuple[LeggedPosture, ...]) -> list[LeggedPosture]:
-    """Mix the best postures of each friction, to include postures on rougher walls."""
+def _interleave_frictions(braces: tuple[LeggedPosture, ...]) -> list[LeggedPosture]:
+    """Return the best posture of each friction, the second best of each, and so on."""
     by_friction: dict[float, list[LeggedPosture]] = {}
     for brace in braces:
         by_friction.setdefault(brace.friction, []).append(brace)
-    return [
-        brace
-        for postures in by_friction.values()
-        for brace in postures[: _MAX_BRACING_POSTURES // len(by_friction)]
-    ]
+    ranks = zip_longest(*by_friction.values())
+    return [brace for rank in ranks for brace in rank if brace is not None]
 
 
 def format_file_name(name: str) -> str:

@@ -27,6 +27,7 @@ from climbplan.climb.transition.remedies import find_remedies
 from climbplan.climb.transition.scene import TransitionScene, build_transition
 from climbplan.climb.transition.search import SequenceSearch
 from climbplan.climb.transition.sequence_planning import (
+    MARGIN_FRACTIONS,
     CompleteMotion,
     TransitionResult,
     TransitionRun,
@@ -86,12 +87,18 @@ _SEARCH_TIME_FRACTION = 0.6  # of the time limit, that `auto` gives to the searc
 _PLANNING_TIME_FRACTION = 0.8  # for plans of the spec as it is; the rest is for remedies
 
 
-def plan_transition(loaded: LoadedTransition, report: Progress | None = None) -> ClimbPlan:
+def plan_transition(
+    loaded: LoadedTransition,
+    report: Progress | None = None,
+    margin_fractions: tuple[float, ...] = MARGIN_FRACTIONS,
+) -> ClimbPlan:
     """Plan a transition for a loaded spec; the plan has passed its verification.
 
     Args:
         loaded: The spec.
         report: Called with a stage and the fraction that is done.
+        margin_fractions: Fractions of the margins that the motion of a sequence is planned with,
+            in turn until there is one.
 
     Raises:
         Unresolved: No sequence exists on the poses searched; the message names slipping contacts.
@@ -103,7 +110,8 @@ def plan_transition(loaded: LoadedTransition, report: Progress | None = None) ->
     options = loaded.spec.solver
     try:
         scene = build_transition(loaded)
-        run = TransitionRun(loaded, scene, clock, plan_following_climb(loaded, scene, clock))
+        tail = plan_following_climb(loaded, scene, clock)
+        run = TransitionRun(loaded, scene, clock, tail, margin_fractions)
         return assemble_plan(run, _METHODS[options.method](run))
     except NoPlanFound as error:
         if options.method != "auto" or isinstance(error, Infeasible):

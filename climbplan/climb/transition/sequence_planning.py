@@ -40,6 +40,8 @@ from climbplan.schema.robots.stored import collect_robot_texts
 from climbplan.verification.verification import Verification
 
 _MAX_LISTED_KINDS = 4  # kinds of sequence named
+# Of the margins, tried in turn: forces of the moving body, after each lift, use up some of them
+MARGIN_FRACTIONS = (1.2, 0.9, 0.6, 0.3, 0.0)
 
 
 def format_summary(plan: ClimbPlan) -> tuple[str, ...]:
@@ -117,8 +119,6 @@ def plan_instants(
     return instants
 
 
-# Of the margins, tried in turn: forces of the moving body, after each lift, use up some of them
-_MARGIN_FRACTIONS = (1.2, 0.9, 0.6, 0.3, 0.0)
 # Checks that separating constraints may repair
 _CLEARANCE_CHECKS = frozenset(
     f"{subject}.{what}"
@@ -151,6 +151,7 @@ class TransitionRun:
     scene: TransitionScene
     clock: StageClock
     tail: FollowingClimb | None = None  # the climb that follows
+    margin_fractions: tuple[float, ...] = MARGIN_FRACTIONS  # tried in turn
 
 
 class LimbCollision(Unresolved):
@@ -244,7 +245,7 @@ def plan_and_verify_sequence(
     """
     planner = _SequencePlanner(run, tables, sequence)
     min_safety_torque = run.scene.spec.force.safety_torque
-    for margin_fraction in _MARGIN_FRACTIONS if run.scene.spec.margins.asked else (0.0,):
+    for margin_fraction in run.margin_fractions if run.scene.spec.margins.asked else (0.0,):
         achieved = 0.0  # S_tau of the motion that was found
         for factor in _TORQUE_FACTORS:
             safety_torque = factor * min_safety_torque

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections import OrderedDict
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import trimesh
@@ -11,11 +13,11 @@ from climbplan.arrays import Array, IntArray
 from climbplan.robots.model import Robot
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.canonical_urdf import write_visual_urdf
-from climbplan.robots.urdf.pinocchio_model import build_urdf_model
+from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.robots.urdf.shapes import find_carrying_joint
 from climbplan.robots.visual_geometry import BODY, VisualGeometry
 from climbplan.schema.robots.urdf.robot import UrdfRobot
-from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
+from climbplan.schema.robots.xml import UrdfFault, UrdfFaults, parse_xml
 
 MAX_TRIANGLES = 5000  # of one shape of a link
 
@@ -44,39 +46,93 @@ def read_visual_geometry(
     if not isinstance(chain, SerialChain):
         raise TypeError("a robot from a URDF is a serial chain")
     urdf_model = build_urdf_model(robot)
-    pin, model = urdf_model.library, urdf_model.model
     try:
         text = write_visual_urdf(robot)
-        geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL)
     except (UrdfFault, UrdfFaults) as fault:
         raise VisualGeometryError(str(fault)) from fault
-    except (RuntimeError, ValueError) as error:
-        raise VisualGeometryError(str(error).strip().splitlines()[-1]) from error
-    data = model.createData()
-    pin.forwardKinematics(model, data, urdf_model.build_configuration({}))
-    leg_joints = {joint.name for leg in robot.joints.values() for joint in leg}
+    key = _PieceKey(
+        text,
+        tuple(sorted(robot.spec.locked_positions.items())),
+        tuple(joint.name for leg in robot.joints.values() for joint in leg),
+        (robot.base, robot.spec.forward, robot.spec.up),
+        max_triangles,
+        _list_mesh_stamps(text),
+    )
+    pieces = _CACHE.get(key)
+    if pieces is None:
+        pieces = _read_pieces(urdf_model, text, max_triangles)
+        _CACHE[key] = pieces
+        if len(_CACHE) > _CACHE_SIZE:
+            _CACHE.popitem(last=False)
+    if not pieces:
+        return None
     # The chain is about the centre of mass, Pinocchio's joints about the base
     name = robot.limb_names[0]
     centre = urdf_model.read_leg(name).joints[-1] - chain.joint_zero[0, -1]
     vertices, faces, limbs, joints, count = [], [], [], [], 0
+    for piece in pieces:
+        vertices.append(piece.points - centre)
+        faces.append(count + piece.triangles)
+        limb, joint = _find_limb_joint(chain, piece.joint)
+        limbs.append(np.full(len(piece.points), limb))
+        joints.append(np.full(len(piece.points), joint))
+        count += len(piece.points)
+    return VisualGeometry(*(np.concatenate(arrays) for arrays in (vertices, faces, limbs, joints)))
+
+
+class _Piece(NamedTuple):
+    """One shape, simplified, at zero angles."""
+
+    points: Array  # (P, 3) base frame turned to x right, y forward, z up [m]
+    triangles: IntArray  # (F, 3) indices of points
+    joint: str  # of a leg, that carries it; "" for the body
+
+
+class _PieceKey(NamedTuple):
+    """All that the pieces of a robot depend on."""
+
+    text: str  # of the visual URDF
+    locked: tuple[tuple[str, float], ...]  # positions of locked joints
+    joints: tuple[str, ...]  # of legs
+    base: tuple[str, str, str]  # link, forward and up axis
+    max_triangles: int
+    stamps: tuple[tuple[str, int], ...]  # mesh files and the times at which they were changed
+
+
+_CACHE_SIZE = 4  # robots whose simplified shapes are remembered
+_CACHE: OrderedDict[_PieceKey, list[_Piece]] = OrderedDict()
+
+
+def _list_mesh_stamps(text: str) -> tuple[tuple[str, int], ...]:
+    """Return the mesh files of a visual URDF with the times of their last changes [ns]."""
+    root = parse_xml(text)
+    names = {mesh.attributes["filename"] for mesh in root.walk() if mesh.tag == "mesh"}
+    return tuple(
+        (name, Path(name).stat().st_mtime_ns if Path(name).is_file() else 0)
+        for name in sorted(names)
+    )
+
+
+def _read_pieces(urdf_model: UrdfModel, text: str, max_triangles: int) -> list[_Piece]:
+    """Return the simplified shapes of a visual URDF; raises VisualGeometryError for bad meshes."""
+    pin, model = urdf_model.library, urdf_model.model
+    try:
+        geometry = pin.buildGeomFromUrdfString(model, text, pin.GeometryType.VISUAL)
+    except (RuntimeError, ValueError) as error:
+        raise VisualGeometryError(str(error).strip().splitlines()[-1]) from error
+    data = model.createData()
+    pin.forwardKinematics(model, data, urdf_model.build_configuration({}))
+    leg_joints = {joint.name for leg in urdf_model.robot.joints.values() for joint in leg}
+    pieces = []
     for item in geometry.geometryObjects:
         points, triangles = simplify_mesh(*_triangulate(item.geometry), max_triangles)
         if not len(triangles):
             continue
         placement = data.oMi[item.parentJoint] * item.placement
-        vertices.append(
-            urdf_model.to_base_axes(points @ placement.rotation.T + placement.translation) - centre
-        )
-        faces.append(count + triangles)
-        limb, joint = _find_limb_joint(
-            chain, find_carrying_joint(model, item.parentJoint, leg_joints)
-        )
-        limbs.append(np.full(len(points), limb))
-        joints.append(np.full(len(points), joint))
-        count += len(points)
-    if not vertices:
-        return None
-    return VisualGeometry(*(np.concatenate(arrays) for arrays in (vertices, faces, limbs, joints)))
+        turned = urdf_model.to_base_axes(points @ placement.rotation.T + placement.translation)
+        joint = find_carrying_joint(model, item.parentJoint, leg_joints)
+        pieces.append(_Piece(turned, triangles, joint))
+    return pieces
 
 
 def simplify_mesh(

@@ -1,4 +1,4 @@
-"""HiGHS models of instances, and the only place that runs HiGHS.
+"""HiGHS models of instances, and the only place of the solvers that runs HiGHS.
 
 A model has rows, bounds and binaries; a quadratic cost only without binaries.
 """

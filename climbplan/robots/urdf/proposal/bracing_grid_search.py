@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from climbplan.arrays import Array
+from climbplan.arrays import Array, BoolArray
+from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
+from climbplan.robots.self_clearance import compute_limb_clearance, list_clearance_pairs
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.robots.urdf.proposal.brace_refinement import refine_braces
 from climbplan.robots.urdf.proposal.lift_torque import TorqueDemand
@@ -16,11 +18,16 @@ from climbplan.robots.urdf.proposal.postures import (
     MAX_SHIFT_RATIOS,
     LeggedPosture,
     LegModel,
+    keep_off_bounds,
     search_bracing_postures,
 )
 from climbplan.robots.urdf.workspace import estimate_reach
 
 WALL_CLEARANCE = 0.02  # [m] of body and knees from walls
+# Of links as thick as in planning from walls and from other limbs:
+_LINK_CLEARANCE = 0.02  # [m], of robots that are not small
+_LINK_CLEARANCE_RATIO = 0.05  # over the distance of the nearest wall, of small robots
+_AT_TOE = 3.0  # radii of a last link from its toe, within which it is at the wall
 FRICTION_SAFETY = 1.2  # S_mu
 _USED_FRICTION = 0.95  # fraction of the admissible friction that the search relies on
 WALL_FRICTIONS = {
@@ -58,17 +65,27 @@ def find_braces(
     chain, low, high = robot.mechanism, robot.joint_lower, robot.joint_upper
     box = robot.body_hull.min(axis=0), robot.body_hull.max(axis=0)
     reach = estimate_full_reach(chain, low, high)
+    low, high = keep_off_bounds(low, high)
     legs = LegModel(chain, low, high, robot.max_torque, reach, robot.weight, mirrored_legs, box)
 
     def is_clear(points: Array, posture: LeggedPosture) -> bool:
         hits_wall = np.abs(points[:, :-1, 0]).max() >= posture.gap / 2 - WALL_CLEARANCE
-        return not hits_wall and is_collision_free(posture)
+        return (
+            not hits_wall
+            and is_collision_free(posture)
+            and bool(are_links_clear(robot, posture.angles[None], np.array([posture.gap / 2]))[0])
+        )
+
+    def select_clear(angles: Array, half: Array) -> BoolArray:
+        return are_links_clear(robot, angles, half)
 
     braces: list[LeggedPosture] = []
     failure = ""
     for friction in WALL_FRICTIONS:
         usable = compute_usable_friction(friction)
-        candidates, demand = search_bracing_postures(legs, chain.posture, WALL_CLEARANCE, usable)
+        candidates, demand = search_bracing_postures(
+            legs, chain.posture, WALL_CLEARANCE, usable, select_clear
+        )
         failure = f", on walls of friction {friction:g}{describe_torque_demand(legs, demand)}"
         is_weak = demand.utilisation > _REFINE_ABOVE
         considered = candidates[: None if is_weak else _MAX_BRACES]
@@ -85,6 +102,27 @@ def find_braces(
             failure = f": parts touch in all {len(candidates)} that would hold"
         braces += [replace(brace, friction=friction) for brace in selected[:_MAX_BRACES]]
     return tuple(braces), failure
+
+
+def are_links_clear(robot: Robot, angles: Array, half: Array) -> BoolArray:
+    """Return whether links as thick as in planning keep off both walls and other limbs, (C,).
+
+    Args:
+        robot: As it would be planned with.
+        angles: (C, N, J) [rad].
+        half: (C,) half distances between walls, in whose middle the body is [m].
+    """
+    links = limb_capsules(robot, angles)
+    last = links.link == robot.joint_count - 1
+    lateral = np.maximum(np.abs(links.starts[..., 0]), np.abs(links.ends[..., 0]))
+    length = np.linalg.norm(links.ends - links.starts, axis=-1)
+    at_toe = last & (links.to_toe + length < _AT_TOE * links.radius)
+    lateral = np.where(last, np.abs(links.starts[..., 0]), lateral)  # the other end is at the wall
+    extent = np.where(at_toe, 0.0, lateral + links.radius).max(axis=(-1, -2))
+    _, pairs = list_clearance_pairs(robot, links)
+    apart = compute_limb_clearance(links, pairs).min(axis=-1, initial=np.inf)
+    clearance = np.minimum(_LINK_CLEARANCE, _LINK_CLEARANCE_RATIO * half)
+    return np.asarray((extent < half - clearance) & (apart > clearance))
 
 
 def estimate_full_reach(chain: SerialChain, lower: Array, upper: Array) -> Array:

@@ -29,6 +29,7 @@ class Draft:
     packages: dict[str, str] = field(default_factory=dict)
     foot: float = 0.0  # radius of spherical feet [m]; 0: points
     sole: tuple[float, float] | None = None  # length and width of flat feet [m]
+    missing_meshes: tuple[str, ...] = ()  # collision meshes without a file
     requested_toes: tuple[str, ...] = ()  # links that legs end in; empty: inferred
 
     def load_robot(self, meshes: bool = False) -> UrdfRobot:
@@ -51,6 +52,8 @@ class Draft:
             "locked": self.locked,
             "packages": self.packages,
         }
+        if self.missing_meshes:
+            section["missing_meshes"] = "ignore"
         if self.foot:
             section["foot"] = {"radius": self.foot}
         if self.sole is not None:

@@ -22,10 +22,11 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
+import highspy
 import numpy as np
-from scipy.optimize import linprog
 
 from climbplan.arrays import Array
 from climbplan.robots.serial_chain import SerialChain
@@ -229,17 +230,59 @@ def _distribute_forces(
     rows, limits = _build_inequalities(stance)
     cost = np.zeros(size)
     cost[3 * n], cost[-1] = 1.0, _SHIFT_COST
-    bounds = [
-        *[(None, None)] * (3 * n),
-        (0.0, None),
-        *zip(low, high, strict=True),
-        (0.0, stance.max_shift),
-    ]
-    solution = linprog(cost, rows, limits, equal, right, bounds)
-    if solution.status != 0:
+    lower = np.concatenate([np.full(3 * n, -np.inf), [0.0], low, [0.0]])
+    upper = np.concatenate([np.full(3 * n + 1, np.inf), high, [stance.max_shift]])
+    x = _solve_linear_program(
+        cost,
+        np.concatenate([rows, equal]),
+        (np.concatenate([np.full(len(limits), -np.inf), right]), np.concatenate([limits, right])),
+        (lower, upper),
+    )
+    if x is None:
         return None
-    x = np.asarray(solution.x)
     return _ForceDistribution(float(x[3 * n]), float(x[-1]), x[: 3 * n], x[3 * n + 1 : 3 * n + 3])
+
+
+class _QuietHighs(highspy.Highs):
+    """HiGHS without the line that its constructor prints."""
+
+    def enableCallbacks(self) -> None:
+        """Disable output before the constructor enables callbacks."""
+        self.setOptionValue("output_flag", False)
+        super().enableCallbacks()  # type: ignore[no-untyped-call]
+
+
+@cache
+def _create_solver() -> Any:
+    """Return the HiGHS solver that all of these small programs share."""
+    solver: Any = _QuietHighs()  # type: ignore[no-untyped-call]
+    solver.setOptionValue("threads", 1)
+    return solver
+
+
+def _solve_linear_program(
+    cost: Array, rows: Array, row_bounds: tuple[Array, Array], bounds: tuple[Array, Array]
+) -> Array | None:
+    """Return x (V,) that minimises cost (V,) within bounds of rows (R, V) and of x; None if none.
+
+    The solver is called directly, as calls by SciPy take several times as long as such programs.
+    """
+    program = highspy.HighsLp()
+    program.num_col_, program.num_row_ = rows.shape[1], rows.shape[0]
+    program.col_cost_ = cost
+    program.col_lower_, program.col_upper_ = bounds
+    program.row_lower_, program.row_upper_ = row_bounds
+    entries = rows != 0
+    program.a_matrix_.format_ = highspy.MatrixFormat.kRowwise
+    program.a_matrix_.start_ = np.concatenate([[0], np.cumsum(entries.sum(axis=1))])
+    program.a_matrix_.index_ = np.nonzero(entries)[1]
+    program.a_matrix_.value_ = rows[entries]
+    solver = _create_solver()
+    solver.passModel(program)
+    solver.run()
+    if solver.getModelStatus() != highspy.HighsModelStatus.kOptimal:
+        return None
+    return np.array(solver.getSolution().col_value)
 
 
 def _build_inequalities(stance: BracedStance) -> tuple[Array, Array]:

@@ -10,6 +10,7 @@ fraction of its torque limits.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -39,12 +40,15 @@ _BRACE_OFFSETS = np.array([-0.4, -0.2, 0.0, 0.2, 0.4])
 MAX_SHIFT_RATIOS = (0.15, 0.22)  # shift of the body between walls; the second where need be
 MIN_LINK_HEIGHT = 0.05  # of links above toes on the ground
 _MAX_FORCE_CHECKS = 120  # best braces whose forces are computed
+_NUM_BEST_BRACES = 16  # that hold, after which those that cannot be better are left out
 _WEAK_UTILISATION = 0.75  # from which on the larger shift is tried
 MIN_LIMB_CLEARANCE = 0.02  # [m] between limbs of standing robots with arms
 _UNBOUNDED_RANGE = 2.0  # [rad] either way in which joints without bounds are sampled
 _NUM_SUPPORTING = 3  # legs that bear the weight
 _SYMMETRY_SCALE = 0.5  # [m] off the mirror image of the other leg, per metre of score
 MIN_REACH_MARGIN = 0.01  # [m]
+_BOUND_MARGIN = np.deg2rad(1.0)  # [rad] of postures from joint bounds
+_MAX_BOUND_FRACTION = 0.02  # of a joint's range, that this margin takes at most
 _NEAR_BODY = 0.2  # of a limb's length, within which it may be in the body's box
 
 
@@ -132,6 +136,17 @@ class LegModel:
         return BracedStance(toes, normal, jacobian, self.torque, self.weight, friction, max_shift)
 
 
+def keep_off_bounds(lower: Array, upper: Array) -> tuple[Array, Array]:
+    """Return joint bounds within which postures are searched for, each (N, J) [rad].
+
+    They lie 1 degree inside the given ones, or a small part of a narrow range. The deflection of
+    joints and a step of the body otherwise take commands past the bounds of the robot.
+    """
+    span = np.where(np.isfinite(upper - lower), upper - lower, np.inf)
+    margin = np.clip(_MAX_BOUND_FRACTION * span, 0.0, _BOUND_MARGIN)
+    return lower + margin, upper - margin
+
+
 def search_standing_postures(legs: LegModel, count: int) -> list[LeggedPosture]:
     """Return up to `count` postures on level ground, best first."""
     low, out, fore = (
@@ -157,7 +172,11 @@ def search_standing_postures(legs: LegModel, count: int) -> list[LeggedPosture]:
 
 
 def search_bracing_postures(
-    legs: LegModel, standing: Array, clearance: float, friction: float
+    legs: LegModel,
+    standing: Array,
+    clearance: float,
+    friction: float,
+    select_clear: Callable[[Array, Array], BoolArray] | None = None,
 ) -> tuple[list[LeggedPosture], TorqueDemand]:
     """Search for postures that hold the robot between two walls at equal distances.
 
@@ -167,6 +186,8 @@ def search_bracing_postures(
             with [rad].
         clearance: Distance of the body and its links from the walls [m].
         friction: Coefficient that may be used.
+        select_clear: Whether links as thick as in planning keep off walls and other links, (C,), at
+            angles (C, N, J) [rad] between walls at half distances (C,) [m]; None for all.
 
     Returns:
         Postures that hold with any one leg lifted, best first, and the smallest utilisation of any
@@ -186,6 +207,10 @@ def search_bracing_postures(
     quality = evaluate_postures(chain, angles, np.zeros((len(legs.hips), 3)), legs.limits)
     within = np.abs(quality.points[..., :-1, 0]).max(axis=-1) < half[:, None] - clearance
     feasible = reached & within & are_clear_of_body(legs, quality.points)
+    if select_clear is not None:
+        complete = np.flatnonzero(feasible.all(axis=1))
+        clear = select_clear(angles[complete], half[complete])
+        feasible[complete[~clear]] = False
     candidates = select_best_postures(quality, angles, toes, feasible, _MAX_FORCE_CHECKS, 2 * half)
     braces, demand = _select_holding_braces(replace(legs, chain=chain), candidates, friction)
     any_feasible = bool(feasible.all(axis=1).any())
@@ -221,7 +246,9 @@ def _select_holding_braces(
         if demand.utilisation <= _WEAK_UTILISATION:
             break
         braces, max_shift = [], ratio * float(legs.reach.min())
-        for brace in candidates:
+        for brace in candidates:  # by falling reach margin, which no score exceeds
+            if brace.reach_margin < _compute_nth_score(braces, _NUM_BEST_BRACES):
+                break
             stance = legs.build_stance(brace.angles, brace.toes, normal, friction, max_shift)
             utilisation, shift = compute_torque_utilisation(stance)
             if utilisation < demand.utilisation:
@@ -231,6 +258,12 @@ def _select_holding_braces(
             if utilisation < 1:
                 braces.append(rate_brace(brace, utilisation, shift))
     return sorted(braces, key=lambda brace: -brace.score), demand
+
+
+def _compute_nth_score(braces: list[LeggedPosture], count: int) -> float:
+    """Return the score of the nth best of some braces; -inf where there are fewer."""
+    scores = sorted((brace.score for brace in braces), reverse=True)
+    return scores[count - 1] if len(scores) >= count else -np.inf
 
 
 def rate_brace(posture: LeggedPosture, utilisation: float, shift: float) -> LeggedPosture:

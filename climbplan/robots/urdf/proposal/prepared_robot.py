@@ -20,8 +20,9 @@ from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, build_ur
 from climbplan.robots.urdf.proposal.bracing_grid_search import estimate_full_reach, find_braces
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.leg_naming import LegNaming, find_mirrored_legs
+from climbplan.robots.urdf.proposal.mirrored_bounds import describe_unmirrored_bounds
 from climbplan.robots.urdf.proposal.motors import GRAVITY, JointMotors, propose_motors
-from climbplan.robots.urdf.proposal.postures import LeggedPosture, LegModel
+from climbplan.robots.urdf.proposal.postures import LeggedPosture, LegModel, keep_off_bounds
 from climbplan.robots.urdf.proposal.self_collision import (
     SelfCollisionModel,
     build_self_collision_model,
@@ -176,6 +177,7 @@ class PreparedRobot:
             implausible=(
                 *self.motors.implausible,
                 *_describe_massless_links(self.tree),
+                *describe_unmirrored_bounds(self.legs),
                 *buried,
             ),
             assumptions=self._list_assumptions(),
@@ -186,6 +188,12 @@ class PreparedRobot:
         draft, assumptions = self.draft, []
         if self.geometry_error:
             assumptions.append(f"collision geometry is not read: {self.geometry_error}")
+        if missing := draft.missing_meshes:
+            more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+            assumptions.append(
+                f"collision meshes without a file are left out: {missing[0]}{more}; `packages` "
+                "says where they are"
+            )
         if not self.naming.is_by_place:
             assumptions.append(
                 "legs are no pairs left and right: they have the names of their toes"
@@ -245,6 +253,7 @@ def prepare_robot(
     torque = pad_to_legs(width, [motors.list_torque_limits(leg) for leg in joints], 1.0)
     box = compute_body_box(shapes) or (hips.min(axis=0) - 0.03, hips.max(axis=0) + 0.03)
     mirrored = find_mirrored_legs(hips)
+    inner = keep_off_bounds(lower, upper)
     return PreparedRobot(
         draft=draft,
         tree=tree,
@@ -254,7 +263,7 @@ def prepare_robot(
         geometry_error=geometry_error,
         legs_at_zero=tuple(legs),
         motors=motors,
-        legs=LegModel(chain, lower, upper, torque, reach, mass * GRAVITY, mirrored, box),
+        legs=LegModel(chain, *inner, torque, reach, mass * GRAVITY, mirrored, box),
         collision_model=_build_collision_model(draft, bounds) if shapes else None,
         stances=(),
     )

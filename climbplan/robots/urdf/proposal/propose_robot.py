@@ -35,9 +35,16 @@ from climbplan.robots.urdf.proposal.prepared_robot import (
 )
 from climbplan.robots.urdf.proposal.soles import Soles, find_soles
 from climbplan.robots.urdf.proposal.toe_placement import place_toes_on_surface
-from climbplan.robots.urdf.proposal.toes import Toe, center_on_spherical_feet, find_toe
+from climbplan.robots.urdf.proposal.toes import (
+    NEGLIGIBLE_RANGE,
+    Toe,
+    build_toe,
+    center_on_spherical_feet,
+    find_toe,
+)
 from climbplan.robots.urdf.shapes import CollisionShape
-from climbplan.schema.robots.urdf.checks import JOINTS_OF_FLAT_FEET
+from climbplan.schema.robots.urdf.checks import FEWEST_JOINTS, JOINTS_OF_FLAT_FEET
+from climbplan.schema.robots.urdf.meshes import find_mesh
 from climbplan.schema.robots.urdf.model import FEWEST_FLAT_FEET, FEWEST_LEGS
 from climbplan.schema.robots.urdf.tree import UrdfJoint, UrdfTree, read_urdf
 from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
@@ -47,6 +54,7 @@ PRONE_AND_SUPINE_AXES = (("z", "-x"), ("z", "x"))
 """Forward and up of a base whose x was forward, on its front and on its back."""
 _LEG_NAME = "limb {}"
 _MAX_NAMES_SHOWN = 4
+_MIN_LEVER_RATIO = 0.02  # of a toe about its last joint, over the length of the limb
 _LEFT, _RIGHT = (re.compile(rf"(^|_){s[0]}_|{s}", re.IGNORECASE) for s in ("left", "right"))
 
 
@@ -136,7 +144,8 @@ def detect_legs(
     is_biped = len(limbs) == FEWEST_FLAT_FEET
     _require_enough_limbs(urdf, base, chains)
     draft = _build_draft(urdf, base, limbs, chains.shared, packages)
-    draft = replace(draft, requested_toes=tuple(requested_toes))
+    missing = _find_missing_meshes(tree, draft.packages)
+    draft = replace(draft, requested_toes=tuple(requested_toes), missing_meshes=missing)
     shapes, geometry_error = draft.read_shapes()
     if requested_toes:
         toes = [Toe(link, (0.0, 0.0, 0.0), "as asked for") for link in requested_toes]
@@ -144,12 +153,16 @@ def detect_legs(
         model = draft.build_model()
         toes = [find_toe(model, limb.joints[-1].name, limb.end, shapes) for limb in limbs]
     draft.legs = _build_leg_sections(toes)
+    if not requested_toes and not is_biped:
+        limbs, toes, draft = _lock_idle_ends(draft, limbs, toes, chains.shared)
+        shapes, geometry_error = draft.read_shapes()
     keep_all = bool(requested_toes) or is_biped
     legs, groups = _select_legs(draft, limbs, urdf, keep_all)
     if not keep_all and (cut := _truncate_weak_limbs(draft, limbs, legs, shapes)):
         limbs = tuple(cut[i].limb if i in cut else limb for i, limb in enumerate(limbs))
         toes = [cut[i].toe if i in cut else toe for i, toe in enumerate(toes)]
         draft = _build_draft(urdf, base, limbs, chains.shared, packages)
+        draft = replace(draft, missing_meshes=missing)
         draft.legs = _build_leg_sections(toes)
         draft.locked |= {
             name: angle for limb in cut.values() for name, angle in limb.locked_angles.items()
@@ -167,6 +180,64 @@ def detect_legs(
     return _place_toes(
         DetectedLegs(draft, tree, tuple(toes[i] for i in legs), naming, shapes, geometry_error),
         is_biped,
+    )
+
+
+def _find_missing_meshes(tree: UrdfTree, packages: dict[str, str]) -> tuple[str, ...]:
+    """Return the collision meshes of a URDF without a file, by the names that it gives them."""
+    missing = []
+    for name, _ in dict.fromkeys(m for link in tree.links.values() for m in link.collision_meshes):
+        try:
+            find_mesh(name, tree.path, packages, Path())
+        except UrdfFault:
+            missing.append(name)
+    return tuple(dict.fromkeys(missing))
+
+
+def _lock_idle_ends(
+    draft: Draft, limbs: tuple[LimbChain, ...], toes: list[Toe], shared: tuple[UrdfJoint, ...]
+) -> tuple[tuple[LimbChain, ...], list[Toe], Draft]:
+    """Return limbs, toes and draft with last joints locked that hardly move their toes.
+
+    These are joints of negligible range, and joints on whose axis the toe lies, as of a wheel.
+    The toe is then on the geometry of the links beyond, as far as it is known.
+    """
+    while True:
+        model = draft.build_model()
+        legs = [model.read_leg(_LEG_NAME.format(i)) for i in range(len(limbs))]
+        idle = {
+            i
+            for i, (limb, leg) in enumerate(zip(limbs, legs, strict=True))
+            if len(limb.joints) > FEWEST_JOINTS and _is_last_joint_idle(limb, leg)
+        }
+        if not idle:
+            return limbs, toes, draft
+        limbs = tuple(
+            LimbChain(limb.joints[:-1], (limb.joints[-1], *limb.locked)) if i in idle else limb
+            for i, limb in enumerate(limbs)
+        )
+        shorter = _build_draft(draft.urdf, draft.base, limbs, shared, draft.packages)
+        shorter.missing_meshes = draft.missing_meshes
+        shapes, _ = shorter.read_shapes()
+        model, toes = shorter.build_model(), list(toes)
+        for i in idle:
+            joint, end = limbs[i].joints[-1].name, limbs[i].end
+            toe = find_toe(model, joint, end, shapes)
+            if not any(shape.joint == joint for shape in shapes) and toe.link == end:
+                name = limbs[i].locked[0].name
+                toe = build_toe(model, end, legs[i].toe, f"where {name} turns, which is locked")
+            toes[i] = toe
+        shorter.legs = _build_leg_sections(toes)
+        draft = shorter
+
+
+def _is_last_joint_idle(limb: LimbChain, leg: LegAtZero) -> bool:
+    """Return whether the last joint hardly turns, or hardly moves the toe as it turns."""
+    joint = limb.joints[-1]
+    lever = float(np.linalg.norm(np.cross(leg.toe - leg.joints[-1], leg.axes[-1])))
+    return (
+        joint.upper - joint.lower < NEGLIGIBLE_RANGE
+        or lever < _MIN_LEVER_RATIO * _compute_limb_length(leg)
     )
 
 

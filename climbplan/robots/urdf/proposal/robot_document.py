@@ -49,6 +49,8 @@ def _format_header(proposal: RobotProposal, urdf: str, pages: str) -> list[str]:
         f"forward: {draft.forward}  # axis of the base that points forward",
         f"up: {draft.up}  # axis of the base that points up",
     ]
+    if draft.missing_meshes:
+        lines.append("missing_meshes: ignore  # shapes of meshes without a file are left out")
     if draft.packages:
         lines.append(f"packages: {json.dumps(draft.packages)}")
     return lines

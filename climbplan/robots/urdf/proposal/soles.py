@@ -20,7 +20,8 @@ from climbplan.robots.urdf.proposal.toes import Toe, build_toe
 from climbplan.robots.urdf.shapes import CollisionShape
 
 _FACE_TOLERANCE = 3e-3  # [m] from the face, of points that bear load
-_MIN_SIZE = 0.02  # [m] of length and width
+_MIN_SIZE = 0.02  # [m] of length and width, of robots that are not small
+_MIN_SIZE_RATIO = 0.06  # of these over the distance from hip to ankle, of small robots
 _MAX_SIZE_DIFFERENCE = 0.05  # relative, between soles of a robot
 _DIGITS_PER_METRE = 1e3  # sizes are whole millimetres
 
@@ -93,7 +94,8 @@ def _find_sole_face(
     low, high = footprint.min(axis=0), footprint.max(axis=0)
     middle, half = (low + high) / 2, (high - low) / 2
     size = 2 * half * _compute_supported_fraction(footprint, middle, half)
-    if (size < _MIN_SIZE).any():
+    min_size = min(_MIN_SIZE, _MIN_SIZE_RATIO * float(np.linalg.norm(hip - ankle)))
+    if (size < min_size).any():
         return None
     return rotation[:, :2] @ middle + heights.max() * down, size, rotation
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from climbplan.robots.capsules import limb_capsules
+from climbplan.robots.model import Robot
 from climbplan.robots.urdf.proposal.bracing_grid_search import FRICTION_SAFETY, WALL_FRICTIONS
 from climbplan.robots.urdf.proposal.postures import LeggedPosture
 from climbplan.robots.urdf.proposal.prepared_robot import FLOOR_FRICTION, RobotProposal
@@ -13,13 +15,20 @@ from climbplan.robots.urdf.proposal.yaml_format import format_scalar, format_vec
 _STEP = 0.35  # of a toe in a round on ground
 _RISE = 0.3  # of a toe in a round between walls
 _LONGEST_STEP = 0.08  # [m]
+_COM_STEP = 1.5  # largest step of the body, over that of a round
+_TOE_STEP = 4.0  # largest step of a toe, over that of the body: it moves once while four limbs do
+_TOE_RANGE = 2.0  # largest step of a toe, over the stance radius: across the ball that it reaches
 _MAX_SHIFT = 0.6  # of the body, over the horizontal distance of the farthest toe
 _MAX_SHIFT_OVER_SOLE = 1.25  # of that distance, where the body goes over one of two soles
 _SOLE_STEP_TIME = 4.0  # [s] of a step on flat feet
-_DEFAULT_SPEED = 0.2 / 60  # [m/s] of the body
-_STEP_TIME = 13.5  # [s] of a step, by the root of a toe's level distance from the body [m]: to go
-# from over three legs to over three others a body then speeds up by some 1.5 % of gravity
+# Times are those of pendulums, by the root of a length. The trajectory takes more where joint
+# speeds or the body's inertia ask for it.
+_STEP_TIME = 4.0  # [s] of a step, over the root of a toe's level distance from the body [m]
+_BRACED_STEP_TIME = 2.0  # [s] of a step between walls, over that root
+_WALL_SPEED = 0.05  # [m/s] of the body on its way to walls, over that root
 _LIFT = 0.25  # of a toe, over the stance radius
+_SOLE_LIFT = 0.1  # of a sole, over its length
+_MAX_LIFT = 0.05  # [m]
 _ROUNDS = 2
 _MIN_SHIFT = 1e-3  # [m]
 _TERRAIN_MARGIN = 3.0  # [m] of ground and walls beyond the robot
@@ -34,6 +43,7 @@ _BRACE_SAFETY_RATIO = 0.9  # of the S_tau that the posture between walls has
 _WALL_HEIGHTS = 4
 _LATERAL_SEARCH = 0.12  # off the straight path, over the distance of the farthest toe
 _MIN_TOE_HEIGHT = 0.05  # [m] of the lowest toe on a wall
+_MIN_LINK_HEIGHT = 0.03  # [m] of the lowest link above the ground
 
 
 _UNCERTAIN = """uncertainty:  # ASSUMED, standard deviations of the worlds in which plans are judged
@@ -72,10 +82,10 @@ task:
   gait: [{gait}]  # from rear to front, one side after the other
 
 posture:
-  steps: {{com_max: {1.5 * step:.4f}, toe_max: {3 * step:.4f}, com_shift_max: {shift:.3f}}}
+  steps: {{{_format_steps(step, radius)}, com_shift_max: {shift:.3f}}}
 
 force: {{safety_friction: {FRICTION_SAFETY:g}}}
-trajectory: {{swing_clearance: {min(_LIFT * radius, 0.05):.4f}{_format_speed(proposal, step)}}}
+trajectory: {{swing_clearance: {_choose_lift(robot, radius):.4f}{_format_speed(proposal, step)}}}
 {_UNCERTAIN}seed: 0
 """
 
@@ -98,6 +108,8 @@ def format_chimney_document(proposal: RobotProposal, robot_file: str, brace: Leg
     gait = ", ".join(format_scalar(name) for name in proposal.naming.gait)
     radius = min(robot.stance_radius, 2 * brace.reach_margin)
     extent = f"[-{reach:.1f}, {reach:.1f}]"
+    distance = float(np.linalg.norm(brace.toes[:, :2], axis=1).max())
+    speed = rise / (_BRACED_STEP_TIME * np.sqrt(distance) * robot.limb_count)
     shift = f", com_shift_max: {2 * brace.shift:.3f}" if brace.shift > _MIN_SHIFT else ""
     return f"""# {robot.name} climbs {1e3 * rise * _ROUNDS:.0f} mm between two walls.
 kind: climb
@@ -117,10 +129,10 @@ task:
 {stance}
 
 posture:
-  steps: {{com_max: {1.5 * rise:.4f}, toe_max: {3 * rise:.4f}{shift}}}
+  steps: {{{_format_steps(rise, radius)}{shift}}}
 
 force: {{safety_friction: {FRICTION_SAFETY:g}}}
-trajectory: {{swing_clearance: {min(_LIFT * radius, 0.05):.4f}}}
+trajectory: {{swing_clearance: {_choose_lift(robot, radius):.4f}, speed: {speed:.2g}}}
 {_UNCERTAIN}seed: 0
 """
 
@@ -173,7 +185,7 @@ task:
   gait: [{gait}]  # from rear to front, one side after the other
 
 posture:
-  steps: {{com_max: {1.5 * step:.4f}, toe_max: {3 * step:.4f}, com_shift_max: {shift:.3f}}}
+  steps: {{{_format_steps(step, radius)}, com_shift_max: {shift:.3f}}}
 
 force: {{safety_friction: {FRICTION_SAFETY:g}}}
 trajectory: {{swing_clearance: {_EDGE_LIFT * stair:.4f}{_format_speed(proposal, step)}}}
@@ -214,14 +226,16 @@ def format_wall_document(proposal: RobotProposal, robot_file: str, brace: Legged
     robot = proposal.robot
     height, distance, shift = _measure_stance(proposal)
     min_height = float(brace.toes[:, 2].min()) - robot.standoff
-    up = max(height, _MIN_TOE_HEIGHT - min_height)
+    up = max(
+        height, _MIN_TOE_HEIGHT - min_height, _MIN_LINK_HEIGHT - _find_lowest_link(robot, brace)
+    )
     extent = _TERRAIN_MARGIN + distance
     stance = "\n".join(
         f"    {format_scalar(name)}: {format_vector(toe)}"
         for name, toe in zip(robot.limb_names, brace.toes, strict=True)
     )
     shift = max(shift, 2 * brace.shift)
-    lift = min(_LIFT * min(robot.stance_radius, 2 * brace.reach_margin), 0.05)
+    lift = _choose_lift(robot, min(robot.stance_radius, 2 * brace.reach_margin))
     lateral_offset = _LATERAL_SEARCH * distance + 0.5 * brace.shift
     rounds, gap = robot.limb_count, _compute_wall_gap(proposal, brace.gap)
     half = gap / 2
@@ -252,9 +266,39 @@ posture:
 
 search: {{lateral_offset: {lateral_offset:.3f}, heights: {_WALL_HEIGHTS}}}
 force: {{safety_torque: {torque:.2f}}}
-trajectory: {{swing_clearance: {lift:.4f}}}
+trajectory: {{swing_clearance: {lift:.4f}, speed: {_WALL_SPEED * np.sqrt(distance):.2g}}}
 {_UNCERTAIN}seed: 0
 """
+
+
+def _format_steps(step: float, radius: float) -> str:
+    """Return the keys of the largest steps of body and toes.
+
+    Args:
+        step: Of the body in a round [m].
+        radius: Of the ball about its stance that a toe reaches [m].
+    """
+    com = _COM_STEP * step
+    toe = max(2 * com, min(_TOE_STEP * com, _TOE_RANGE * radius))
+    return f"com_max: {com:.4f}, toe_max: {toe:.4f}"
+
+
+def _choose_lift(robot: Robot, radius: float) -> float:
+    """Return how far toes are lifted [m]; radius: of the ball that a toe reaches [m].
+
+    Long soles are lifted further: their ends come near the ground as the body moves.
+    """
+    lift = _LIFT * radius
+    if robot.sole is not None:
+        lift = max(lift, _SOLE_LIFT * robot.sole.length)
+    return min(lift, _MAX_LIFT)
+
+
+def _find_lowest_link(robot: Robot, brace: LeggedPosture) -> float:
+    """Return the height of the lowest point of links in a bracing posture, body frame [m]."""
+    links = limb_capsules(robot, brace.angles)
+    lowest = np.minimum(links.starts[..., 2], links.ends[..., 2]) - links.radius
+    return float(np.nanmin(lowest))
 
 
 def _compute_wall_gap(proposal: RobotProposal, toe_gap: float) -> float:
@@ -273,16 +317,12 @@ def _measure_stance(proposal: RobotProposal) -> tuple[float, float, float]:
 
 
 def _format_speed(proposal: RobotProposal, step: float) -> str:
-    """Return the speed key of a quasi-static walk that advances by `step` a round [m].
-
-    Empty where the default speed is slow enough.
-    """
+    """Return the speed key of a quasi-static walk that advances by `step` a round [m]."""
     limbs = proposal.robot.limb_count
     if proposal.robot.sole is not None:
         return f", speed: {step / (_SOLE_STEP_TIME * limbs):.2g}"
     distance = _measure_stance(proposal)[1]
-    speed = step / (_STEP_TIME * np.sqrt(distance) * limbs)
-    return f", speed: {speed:.2g}" if speed < _DEFAULT_SPEED else ""
+    return f", speed: {step / (_STEP_TIME * np.sqrt(distance) * limbs):.2g}"
 
 
 def _format_start(proposal: RobotProposal, gap: float = 0.0) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,8 @@ _MIN_JOINT_DISTANCE = 0.01  # [m] of a toe's frame from the last joint
 _MIN_REACH_RATIO = 0.6  # distance of a toe's frame over that of the farthest geometry
 _MAX_CENTER_OFFSET = 1.05  # radii of a sphere, within which a toe belongs to it
 _TOLERANCE = 1e-4  # [m]
+NEGLIGIBLE_RANGE = np.deg2rad(2.0)  # [rad] of a joint that counts as fixed
+_NEGLIGIBLE_SLIDE = 0.03  # range of a slide that counts as fixed, over the size of the robot
 _END_FRACTION = 0.03  # of the distance, within which points of a shape are its end
 
 
@@ -50,16 +53,34 @@ def find_toe(urdf_model: UrdfModel, joint: str, end: str, shapes: list[Collision
     pin.updateFramePlacements(model, data)
     index = model.getJointId(joint)
     origin = data.oMi[index].translation
-    links = [
-        (frame.name, float(np.linalg.norm(data.oMf[i].translation - origin)))
+    bodies = {index} | _find_bodies_fixed_to(urdf_model, index, data)
+    places = {
+        frame.name: data.oMf[i].translation
         for i, frame in enumerate(model.frames)
+        if frame.parentJoint in bodies and frame.type == pin.FrameType.BODY
+    }
+    fixed = {
+        frame.name
+        for frame in model.frames
         if frame.parentJoint == index and frame.type == pin.FrameType.BODY
+    }
+    reaches = {name: float(np.linalg.norm(place - origin)) for name, place in places.items()}
+    named_feet = [
+        name
+        for name, distance in reaches.items()
+        if distance > _MIN_JOINT_DISTANCE and _FOOT_NAME.search(name)
     ]
-    distances = {name: distance for name, distance in links if distance > _MIN_JOINT_DISTANCE}
-    named_feet = [name for name in distances if _FOOT_NAME.search(name)]
     if named_feet:
-        link = max(named_feet, key=lambda name: distances[name])
-        return Toe(link, (0.0, 0.0, 0.0), "by its name")
+        link = max(named_feet, key=lambda name: reaches[name])
+        if link in fixed:
+            return Toe(link, (0.0, 0.0, 0.0), "by its name")
+        point = urdf_model.to_base_axes(places[link])
+        return build_toe(urdf_model, end, point, f"where {link} is, by its name")
+    distances = {
+        name: distance
+        for name, distance in reaches.items()
+        if name in fixed and distance > _MIN_JOINT_DISTANCE
+    }
     far_end, reach = _find_far_end(urdf_model, origin, joint, shapes)
     farthest = max(distances, key=lambda name: distances[name], default=None)
     if farthest is not None and distances[farthest] >= _MIN_REACH_RATIO * reach:
@@ -67,6 +88,28 @@ def find_toe(urdf_model: UrdfModel, joint: str, end: str, shapes: list[Collision
     if far_end is None:
         return Toe(end, (0.0, 0.0, 0.0), "ASSUMED: nothing says how long the last link is")
     return build_toe(urdf_model, end, far_end, "the end of its last body's collision geometry")
+
+
+def _find_bodies_fixed_to(urdf_model: UrdfModel, index: int, data: Any) -> set[int]:
+    """Return the Pinocchio joints beyond a joint that hardly move against it.
+
+    Args:
+        urdf_model: The robot.
+        index: Of the joint.
+        data: Pinocchio's, with the places of frames at zero angles.
+    """
+    model, joints = urdf_model.model, urdf_model.robot.tree.joints
+    points = np.array([frame.translation for frame in data.oMf])
+    size = float(np.linalg.norm(np.ptp(points, axis=0)))
+    bodies: set[int] = set()
+    for body in range(index + 1, int(model.njoints)):
+        joint = joints.get(str(model.names[body]))
+        if joint is None or int(model.parents[body]) not in bodies | {index}:
+            continue
+        limit = NEGLIGIBLE_RANGE if joint.turns else _NEGLIGIBLE_SLIDE * size
+        if joint.upper - joint.lower < limit:
+            bodies.add(body)
+    return bodies
 
 
 def build_toe(urdf_model: UrdfModel, link: str, point: Array, reason: str) -> Toe:

@@ -11,6 +11,7 @@ from urllib.parse import unquote, urlparse
 from climbplan.schema.robots.xml import UrdfFault
 
 _PACKAGE = "package://"
+_SHARE = "share"  # folder of packages where ROS installs them
 _HEAD = 65_536  # [bytes] of a mesh file that has its <asset>
 _AXIS = 16  # [bytes] behind the tag
 
@@ -22,7 +23,8 @@ def find_mesh(name: str, urdf: Path, packages: Mapping[str, str], directory: Pat
         name: As the URDF has it: `package://`, `file://` or a path from the URDF.
         urdf: Path of the URDF.
         packages: Package name -> directory, relative to `directory`. Others are looked for in
-            directories above the URDF and in ROS_PACKAGE_PATH.
+            directories above the URDF and in ROS_PACKAGE_PATH, and the end of a path last in
+            directories above the URDF.
         directory: Directory of the robot file.
 
     Raises:
@@ -30,9 +32,17 @@ def find_mesh(name: str, urdf: Path, packages: Mapping[str, str], directory: Pat
     """
     if name.startswith(_PACKAGE):
         package, _, inner_path = name.removeprefix(_PACKAGE).partition("/")
-        path = _find_package(package, urdf, packages, directory) / inner_path
+        try:
+            path = _find_package(package, urdf, packages, directory) / inner_path
+        except UrdfFault:
+            near = _find_above(Path(inner_path).parts, urdf)
+            if near is None:
+                raise
+            path = near
     elif name.startswith("file://"):
         path = Path(unquote(urlparse(name).path))
+        if not path.is_file():
+            path = _find_installed(path, urdf, packages, directory) or path
     elif "://" in name:
         raise UrdfFault(f"mesh {name!r}: expected package://, file:// or a path")
     else:
@@ -40,6 +50,39 @@ def find_mesh(name: str, urdf: Path, packages: Mapping[str, str], directory: Pat
     if not path.is_file():
         raise UrdfFault(f"mesh {name!r} not found: no file {path}")
     return path.resolve()
+
+
+def _find_installed(
+    path: Path, urdf: Path, packages: Mapping[str, str], directory: Path
+) -> Path | None:
+    """Return the file of a mesh that was at an absolute path on another machine; None without one.
+
+    Behind `share` stands the name of a package, as where ROS installs it. Other paths are looked
+    for by their ends. Arguments are those of `find_mesh`.
+    """
+    parts = path.parts
+    if _SHARE in parts[:-2]:
+        package, *inner = parts[parts.index(_SHARE) + 1 :]
+        try:
+            found = _find_package(package, urdf, packages, directory).joinpath(*inner)
+        except UrdfFault:
+            found = None
+        if found is not None and found.is_file():
+            return found
+    return _find_above(parts[1:], urdf)
+
+
+def _find_above(parts: tuple[str, ...], urdf: Path) -> Path | None:
+    """Return the file in a directory above a URDF whose path ends with most of the given parts.
+
+    A folder and a file name have to agree at least. None without one.
+    """
+    for start in range(len(parts) - 1):
+        for parent in urdf.resolve().parents:
+            path = parent.joinpath(*parts[start:])
+            if path.is_file():
+                return path
+    return None
 
 
 @cache

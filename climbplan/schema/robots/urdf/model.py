@@ -142,6 +142,11 @@ class UrdfRobotSpec(SpecModel):
         description="package name -> directory, for meshes at `package://name/...`; others are "
         "looked for above the URDF and in ROS_PACKAGE_PATH",
     )
+    missing_meshes: Literal["refuse", "ignore"] = Field(
+        default="refuse",
+        description="what collision meshes without a file do: `ignore` leaves out their shapes "
+        "alone, so that those links are as thin as their other shapes or as links without any",
+    )
     base: str | None = Field(
         default=None, min_length=1, description="link that is the body; left out: the root link"
     )

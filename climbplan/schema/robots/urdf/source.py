@@ -61,8 +61,13 @@ def build_robot_from_tree(
         try:
             meshes[name] = find_mesh(name, tree.path, spec.packages, directory)
         except UrdfFault as fault:
+            if spec.missing_meshes == "ignore":
+                continue
             key = "packages" if fault.message.startswith("package") else "urdf"
-            cure = "or `limb_radius` and `body_half_size`, with which no mesh is read"
+            cure = (
+                "or `missing_meshes: ignore`, or `limb_radius` and `body_half_size`, with which no "
+                "mesh is read"
+            )
             findings.append(
                 Finding((key,), f"{tree.format_location(number)}: {fault.message}, {cure}")
             )

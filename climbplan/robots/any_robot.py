@@ -11,6 +11,8 @@ from climbplan.schema.robots.urdf.robot import UrdfRobot
 def build_robot(spec: AnyRobot) -> Robot:
     """Build the arrays of a robot of any kind.
 
+    The last robot from a URDF is kept: planner, scene and checks build the same one again.
+
     Raises:
         MissingSolver: The robot is from a URDF and Pinocchio is not installed.
         SpecError: The URDF is wrong.
@@ -18,8 +20,27 @@ def build_robot(spec: AnyRobot) -> Robot:
     if isinstance(spec, UrdfRobot):
         from climbplan.robots.urdf.robot_builder import build_robot_from_urdf
 
-        return build_robot_from_urdf(spec)
+        global _last
+        stamps, last = _stamp_meshes(spec), _last  # read once: another thread may replace it
+        if last is None or last[0] != spec or last[1] != stamps:
+            last = _last = (spec, stamps, build_robot_from_urdf(spec))
+        return last[2]
     return Robot.from_spec(spec)
+
+
+_last: tuple[UrdfRobot, list[tuple[int, int]], Robot] | None = None
+
+
+def _stamp_meshes(robot: UrdfRobot) -> list[tuple[int, int]]:
+    """Return time of change and size of the robot's meshes; zeros for those that are missing."""
+    stamps = []
+    for path in robot.meshes.values():
+        try:
+            status = path.stat()
+            stamps.append((status.st_mtime_ns, status.st_size))
+        except OSError:
+            stamps.append((0, 0))
+    return stamps
 
 
 def require_no_flat_feet(spec: AnyRobot, what: str) -> AnyRobot:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Mapping
+from typing import Annotated, Any
 
 from benchmarks.running import Run, Seed, benchmark, name_option, number_option
 
@@ -114,3 +115,18 @@ def scans(
     from benchmarks.climb.scans import bench_scans
 
     bench_scans(run.quick, run.stream, scenes)
+
+
+@benchmark()
+def courses(
+    run: Run,
+    seed: Seed = 0,
+    scenes: Annotated[
+        str | None, name_option("--scenes", "NAMES", "Courses, by commas: stairs, rubble, stones.")
+    ] = None,
+    count: Annotated[int | None, number_option("--count", "Meshes of each [20, 20, 10].")] = None,
+) -> Mapping[str, Any]:
+    """Seeded stairs, rubble and stepping stones: verified, standing, processor time."""
+    from benchmarks.climb.courses import bench_courses
+
+    return bench_courses(seed, run.quick, run.stream, count, scenes)

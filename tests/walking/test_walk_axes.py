@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,17 +11,20 @@ import pytest
 from pydantic import ValidationError
 
 from climbplan.errors import SpecError
+from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.check.plan_checks import check_plan
+from climbplan.walking.check.terrain import compute_region_error
 from climbplan.walking.offline.gaits import assign_regions, repeat_gait
 from climbplan.walking.plan.axes import orient_plan, orient_task, to_climbing_axes
 from climbplan.walking.plan.file import read_walk_plan, write_walk_plan
 from climbplan.walking.plan.foot_centres import raise_task
-from climbplan.walking.planner.planner import plan_walk
+from climbplan.walking.planner.planner import plan_walk, solve_task
 from climbplan.walking.problem.problem import build_task
 from climbplan.walking.problem.regions import build_ground
 from climbplan.walking.schema.loading import load_body, load_mpc
 from climbplan.walking.schema.model import MpcSpec
-from climbplan.walking.task.task import Gait, WalkTask
+from climbplan.walking.schema.solver import WalkSolverSpec
+from climbplan.walking.task.task import WalkTask
 
 STEPS = [
     {"name": "floor", "x": [-1.0, 0.3], "y": [-0.6, 0.5], "height": 0.01},
@@ -195,8 +199,11 @@ def test_legs_keep_to_their_regions() -> None:
     gait = assign_regions(task, repeat_gait("trot", 4, task.knots))
     assert set(gait.region[:, [0, 2]].ravel().tolist()) <= {1, 2}
     assert set(gait.region[:, [1, 3]].ravel().tolist()) == {0}
-    wrong = Gait(gait.contact, np.zeros_like(gait.region))
-    assert (wrong.region == 0).all()
+    errors = compute_region_error(
+        task.ground, np.zeros_like(gait.region), np.zeros((*gait.region.shape, 3)), gait.contact
+    )
+    assert np.isinf(errors[:, [0, 2]]).all()  # left legs on the right half
+    assert np.isfinite(errors[:, [1, 3]]).all()
 
 
 @pytest.mark.parametrize(
@@ -240,3 +247,31 @@ def test_other_mistakes_of_terrain_and_axes() -> None:
     ):
         with pytest.raises(ValidationError, match=words):
             stated(terrain, forward)
+
+
+@pytest.mark.parametrize("method", ["gait-search", "mpcc"])
+def test_friction_is_that_of_each_region(method: str) -> None:
+    """On a slippery strip under the right legs, forces keep to its own cones."""
+    halves = [
+        {"name": "left", "x": [-1, 2], "y": [0, 0.6]},
+        {"name": "right", "x": [-1, 2], "y": [-0.6, 0], "friction": 0.15},
+    ]
+    task = built(
+        stated(
+            {"friction": 0.8, "regions": halves},
+            knots=5,
+            min_contacts=2,
+            start={"velocity": [0.3, 0, 0]},
+            reference={"velocity": [0.6, 0, 0]},
+        )
+    )
+    answer = solve_task(task, WalkSolverSpec(method=method, max_qp_solves=30))
+    found = answer.trajectory
+    assert found is not None
+    assert format_failures(check_trajectory(task, found)) == ""
+    shear = np.hypot(found.force[..., 0], found.force[..., 1])
+    slips = shear > 0.16 * found.force[..., 2] + 1e-6
+    assert not slips[:, [1, 3]].any()
+    swapped = replace(task.ground, region_friction=task.ground.region_friction[::-1] * 0.01)
+    failed = check_trajectory(replace(task, ground=swapped), found)
+    assert "force.friction" in {check.name for check in failed if not check.passed}

@@ -20,9 +20,12 @@ from climbplan.walking.micp.linear_model import LinearModel
 from climbplan.walking.micp.relaxation import build_relaxation
 from climbplan.walking.micp.solver import solve_micp
 from climbplan.walking.micp.state_variables import StateVariables
+from climbplan.walking.micp.symmetry import is_mirror_symmetric
 from climbplan.walking.micp.variable_bounds import VariableBounds, propagate_body_ranges
 from climbplan.walking.plan.answer import WalkAnswer
 from climbplan.walking.problem.random_tasks import StartRanges, sample_start
+from climbplan.walking.problem.regions import build_ground
+from climbplan.walking.schema.model import MpcSpec
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -60,6 +63,24 @@ def test_a_motion_on_steps_is_in_the_relaxation() -> None:
     task = shorter(stairs_task(), 6)
     answer = known(task, 150)
     assert lifted_cost(task, answer) <= answer.objective * (1 + 1e-6)
+
+
+def test_a_motion_on_level_polygons_is_in_the_relaxation() -> None:
+    """Two halves of a floor along a diagonal, then a step; each leg may use its regions only."""
+    regions = [
+        {"name": "left", "vertices": [[-1, -0.6, 0], [0.3, 0.6, 0], [-1, 0.6, 0]]},
+        {"name": "right", "vertices": [[-1, -0.6, 0], [0.3, -0.6, 0], [0.3, 0.6, 0]]},
+        {"name": "step", "x": [0.3, 2.0], "y": [-0.6, 0.6], "height": 0.03},
+    ]
+    document = {"kind": "mpc", "terrain": {"regions": regions}}
+    ground = build_ground(MpcSpec.model_validate(document).terrain)
+    assert ground.corners.shape[1] == 4
+    task = replace(shorter(stairs_task(), 6), ground=ground)
+    answer = known(task, 150)
+    assert answer.trajectory is not None
+    assert len(np.unique(answer.trajectory.gait.region)) > 1
+    assert lifted_cost(task, answer) <= answer.objective * (1 + 1e-6)
+    assert not is_mirror_symmetric(task)
 
 
 def test_ways_of_cheaper_motions_are_shorter_than_their_fastest() -> None:

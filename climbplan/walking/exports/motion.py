@@ -161,6 +161,7 @@ class WalkSampler:
         xy = np.concatenate([trajectory.state[:, :2], trajectory.toes[..., :2].reshape(-1, 2)])
         low, high = xy.min(axis=0) - _GROUND_MARGIN, xy.max(axis=0) + _GROUND_MARGIN
         surfaces = []
+        friction = ground.find_friction(np.arange(ground.count)).tolist()
         for region, name in enumerate(ground.names):
             corners = ground.outline(region, low, high)
             if len(corners):
@@ -170,11 +171,12 @@ class WalkSampler:
                         "kind": "flat",
                         "corners": corners.tolist(),
                         "normal": ground.frame[region, 2].tolist(),
-                        "friction": ground.friction,
+                        "friction": friction[region],
                     }
                 )
         return {
             "plan_step_s": task.dt,
+            "forward": self.plan.forward,
             "force_is": "constant from each sample to the next",
             "surfaces": surfaces,
             **({} if self.joints is None else self.joints.facts),

@@ -81,7 +81,8 @@ class ContactRows(RotationRows):
         """Add the height of a toe: that of its region, or one between lowest and highest lift."""
         model, clearance = self.model, self.task.swing_clearance
         height = sum_expressions(q.indicator * float(level[q.region]) for q in pieces)
-        low, high = float(level.min() + clearance), float(level.max() + clearance)
+        highest = self.task.ground.max_swept_height
+        low, high = float(level.min() + clearance), float(highest + clearance)
         toe = model.add_variable(level.min(), high)
         model.add_constraint("swing.clearance", toe - height + contact * low, low, np.inf)
         model.add_constraint("swing.clearance", toe - height + contact * high, -np.inf, high)

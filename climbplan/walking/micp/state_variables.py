@@ -96,7 +96,7 @@ class StateVariables:
         level = task.ground.height
         for n in range(2, task.knots):
             min_height, max_height = self.find_body_height_range(n)
-            highest = level.max() + task.swing_clearance + max_height
+            highest = task.ground.max_swept_height + task.swing_clearance + max_height
             self.p_low[n, 2] = max(self.p_low[n, 2], level.min() + min_height)
             self.p_high[n, 2] = min(self.p_high[n, 2], highest)
 

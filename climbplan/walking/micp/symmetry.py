@@ -27,6 +27,8 @@ _COMPARED_PAIRS = 8  # of legs: the weight of each is half of that of the one be
 def is_mirror_symmetric(task: WalkTask) -> bool:
     """Return whether the image of each motion costs the same and satisfies the same rows."""
     body, ground, reference, goal = task.body, task.ground, task.reference, task.goal
+    if ground.corners.size or ground.allowed.size or ground.scan is not None:
+        return False
     swapped = np.arange(body.leg_count) ^ 1  # legs are in pairs, the left one first
     with_image = (
         (body.toe_center, body.toe_center[swapped] * _MIRROR_VECTOR),

@@ -56,7 +56,7 @@ def build_walk_scene(plan: WalkPlan) -> ViewerScene:
         title=plan.name,
         facts=(
             f"{task.body.name}, {task.body.mass:g} kg, {plan.method}",
-            f"friction {task.ground.friction:g}, objective {plan.objective:.4g}",
+            f"friction {task.ground.min_friction:g}, objective {plan.objective:.4g}",
         ),
         time=np.arange(count) * np.float64(task.dt),
         caption=_write_captions(plan),
@@ -79,7 +79,7 @@ def build_walk_scene(plan: WalkPlan) -> ViewerScene:
             point=trajectory.toes,
             force=force,
             normal=standing[..., None] * np.array([0.0, 0.0, 1.0]),
-            mu=np.where(standing, task.ground.friction, 0.0),
+            mu=np.where(standing, task.ground.find_friction(trajectory.gait.region), 0.0),
         ),
         lower=lower,
         upper=upper,
@@ -106,9 +106,10 @@ def _build_ground(plan: WalkPlan, lower: Array, upper: Array) -> tuple[StaticMes
     """Build the shapes of the terrain within a rectangle."""
     ground, shapes = restore_surface(plan.task.ground), []
     low, high = lower[:2] - _AROUND, upper[:2] + _AROUND
+    friction = ground.find_friction(np.arange(ground.count))
     for region, name in enumerate(ground.names):
         corners = ground.outline(region, low, high)
         if len(corners):
-            note = f"{name}  mu {ground.friction:g}"
+            note = f"{name}  mu {friction[region]:g}"
             shapes.append(build_polygons(name, [corners], palette.SURFACE, 0.6, note))
     return tuple(shapes)

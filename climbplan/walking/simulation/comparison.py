@@ -63,7 +63,7 @@ def compare_walk(plan: WalkPlan, run: WalkRun) -> WalkComparison:
         force_error=np.linalg.norm(run.force[:last] - planned, axis=-1)[loaded] / weight,
         friction=friction,
         friction_planned=friction_planned,
-        mu=plan.task.ground.friction * run.conditions.friction,
+        mu=plan.task.ground.min_friction * run.conditions.friction,
         correction=np.linalg.norm(run.correction[:last], axis=-1)[loaded] / weight,
         overreach=float(run.overreach.max(initial=0.0)),
         slips=_find_slips(plan, run),

@@ -84,21 +84,21 @@ def build_ground_mjcf(plan: WalkPlan, conditions: Conditions, sunk: float = 0.0)
         sunk: depth by which regions are lowered along their normals, for spherical feet [m].
     """
     task = plan.task
-    friction = max(task.ground.friction * conditions.friction, 1e-5)
+    coefficients = task.ground.find_friction(np.arange(task.ground.count)) * conditions.friction
     xy = np.concatenate(
         [plan.trajectory.state[:, :2], plan.trajectory.toes[..., :2].reshape(-1, 2)]
     )
     low, high = xy.min(axis=0) - _MARGIN, xy.max(axis=0) + _MARGIN
     meshes, ground = [], []
-    shared = (
-        f' friction="{friction:.6g} 0 0" contype="0"'
-        f' conaffinity="{TOE_CONTACT | BODY_CONTACT}" material="ground"/>'
-    )
     level = not (task.ground.corners.size or task.ground.slope.any())
     for index in range(task.ground.count):
         corners = task.ground.outline(index, low, high)
         if not len(corners):
             continue
+        shared = (
+            f' friction="{max(float(coefficients[index]), 1e-5):.6g} 0 0" contype="0"'
+            f' conaffinity="{TOE_CONTACT | BODY_CONTACT}" material="ground"/>'
+        )
         corners = corners - [0, 0, sunk * float(compute_steepness(task.ground.slope[index]))]
         if level:
             lower, upper = corners.min(axis=0), corners.max(axis=0)

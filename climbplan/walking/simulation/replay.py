@@ -267,7 +267,7 @@ class _WalkReplay:
         limited = force.copy()
         limited[:, 2] = np.clip(force[:, 2], 0.0, force_limit)
         shear = np.linalg.norm(force[:, :2], axis=1)
-        max_shear = np.minimum(self.plan.task.ground.friction * limited[:, 2], force_limit)
+        max_shear = np.minimum(self.plan.task.ground.min_friction * limited[:, 2], force_limit)
         limited[:, :2] *= np.minimum(1.0, max_shear / np.maximum(shear, 1e-9))[:, None]
         return limited
 

@@ -130,7 +130,7 @@ class _WholeBodyReplay:
             qpos_index=self.qpos_index,
             dof_index=self.dof_index,
             legs=self.legs,
-            friction=plan.task.ground.friction,
+            friction=plan.task.ground.min_friction,
             weight=plan.task.weight,
         )
         self.root = self.model.body("body").id

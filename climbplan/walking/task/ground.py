@@ -141,6 +141,12 @@ class Ground:
         """Upper bounds of the raw surface; without a scan it has no cells."""
         return build_empty_grid() if self.scan is None else build_height_grid(self.scan)
 
+    @cached_property
+    def max_swept_height(self) -> float:
+        """An upper bound of the heights of all level regions, and of the raw surface [m]."""
+        cells = self.height_grid.height
+        return float(max(self.height.max(), cells.max() if cells.size else -np.inf))
+
     def list_regions(self, leg: int) -> IntArray:
         """Return the regions that a leg may stand on."""
         if not self.allowed.size:
@@ -179,6 +185,11 @@ class Ground:
         normal = np.column_stack([-x, -y, ones]) / np.sqrt(1.0 + x**2 + y**2)[:, None]
         tangent = np.column_stack([ones, 0.0 * ones, x]) / np.sqrt(1.0 + x**2)[:, None]
         return np.stack([tangent, np.cross(normal, tangent), normal], axis=1)
+
+    @property
+    def min_friction(self) -> float:
+        """The smallest friction coefficient of all regions."""
+        return float(self.region_friction.min()) if self.region_friction.size else self.friction
 
     def compute_height(self, region: IntArray, xy: Array) -> Array:
         """Return heights (...) of the planes of regions (...) at points (..., 2) [m]."""

@@ -80,9 +80,9 @@ def _measure_distances(points: Array, scan: RawSurface) -> Array:
     low, high = corners.min(axis=1) - reach, corners.max(axis=1) + reach
     distance = np.full(len(points), reach)
     for p, point in enumerate(points):
-        near = corners[((low <= point) & (high >= point)).all(axis=1)]
-        if len(near):
-            distance[p] = min(reach, float(_measure_triangle_distances(point, near).min()))
+        candidates = corners[((low <= point) & (high >= point)).all(axis=1)]
+        if len(candidates):
+            distance[p] = min(reach, float(_measure_triangle_distances(point, candidates).min()))
     return distance
 
 

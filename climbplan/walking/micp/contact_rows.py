@@ -167,11 +167,10 @@ class ContactRows(RotationRows):
         middle = axes @ (0.5 * (arm_low + arm_high)[:2])
         half = np.abs(axes) @ (0.5 * (arm_high - arm_low)[:2])
         low, high = self.p_low[n, :2] + middle - half, self.p_high[n, :2] + middle + half
-        own = ground.list_regions(leg)
-        is_reachable = (ground.lower[own] <= high).all(axis=1) & (ground.upper[own] >= low).all(
-            axis=1
-        )
-        return [int(s) for s in own[is_reachable]]
+        regions = ground.list_regions(leg)
+        is_below = (ground.lower[regions] <= high).all(axis=1)
+        is_reachable = is_below & (ground.upper[regions] >= low).all(axis=1)
+        return [int(s) for s in regions[is_reachable]]
 
     def add_region_rows(self, n: int, piece: ArmPiece, arm: tuple[LinExpr, LinExpr]) -> None:
         """Add rows that keep the toe on the region of a piece if that is selected (big-M)."""

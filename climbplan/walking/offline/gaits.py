@@ -83,10 +83,10 @@ def find_regions_under(task: WalkTask, state: Array | None = None) -> IntArray:
     nearest = find_nearest_regions(points, ground.lower, ground.upper, ground.sides)
     region: IntArray = nearest.reshape(centers.shape[:-1])
     for leg in range(task.body.leg_count if ground.allowed.size else 0):
-        own = ground.list_regions(leg)
+        regions_of_leg = ground.list_regions(leg)
         places = np.ascontiguousarray(centers[:, leg])
-        sides = ground.lower[own], ground.upper[own], ground.sides[own]
-        region[:, leg] = own[find_nearest_regions(places, *sides)]
+        shapes = (values[regions_of_leg] for values in (ground.lower, ground.upper, ground.sides))
+        region[:, leg] = regions_of_leg[find_nearest_regions(places, *shapes)]
     region[0] = ground.find_start_regions(task.start.toes[:, :2])
     return region
 

@@ -116,15 +116,15 @@ def orient_plan(plan: WalkPlan, forward: Forward) -> WalkPlan:
 
 def _turn_states(state: Array) -> Array:
     """Return states (..., 12) with x forward in axes with y forward."""
-    turned = state.copy()
-    for part in (POSITION, VELOCITY, SPIN):
-        turned[..., part] = to_climbing_axes(state[..., part])
-    turned[..., ANGLES] = _turn_angles(state[..., ANGLES])
-    return turned
+    result = state.copy()
+    for component in (POSITION, VELOCITY, SPIN):
+        result[..., component] = to_climbing_axes(state[..., component])
+    result[..., ANGLES] = _turn_angles(state[..., ANGLES])
+    return result
 
 
 def _turn_angles(angles: Array) -> Array:
     """Return roll, pitch and yaw (..., 3) of a body in a world that is turned by a quarter."""
-    turned = angles.copy()
-    turned[..., 2] += 0.5 * np.pi
-    return turned
+    result = angles.copy()
+    result[..., 2] += 0.5 * np.pi
+    return result

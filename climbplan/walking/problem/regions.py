@@ -133,9 +133,9 @@ def _split_level_ground(spec: WalkTerrainSpec) -> Iterator[TerrainRegion]:
         free = shapely.difference(free, shapely.union_all(boxes))
         pieces = [
             piece
-            for part in shapely.get_parts(free)
-            if part.geom_type == "Polygon"
-            for piece in decompose_convex(part)
+            for polygon in shapely.get_parts(free)
+            if polygon.geom_type == "Polygon"
+            for piece in decompose_convex(polygon)
         ]
     for number, piece in enumerate(pieces, start=1):
         name = GROUND_NAME if len(pieces) == 1 else f"{GROUND_NAME} {number}"

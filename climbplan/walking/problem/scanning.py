@@ -52,16 +52,16 @@ def fit_walk_scan(loaded: LoadedMpc) -> LoadedMpc:
         for note in raw.notes:
             _log.info("scan      %s", note, extra={"note": True})
         regions = find_contact_regions(raw, _limit_scan(scan, walker))
-        near = select_regions(regions, path, reach)
-        if not near:
+        reachable = select_regions(regions, path, reach)
+        if not reachable:
             raise ScanError(_explain_no_region(regions, path, reach))
     except ScanError as error:
         mistake = SpecMistake(_FILE_KEY, str(error))
         raise loaded.locate(SpecError(loaded.source, [mistake])) from error
-    area = sum(region.area for region in near)
+    area = sum(region.area for region in reachable)
     _log.info(
         "scan      %d foothold regions within reach, %.3g m^2",
-        len(near),
+        len(reachable),
         area,
         extra={"note": True},
     )
@@ -70,7 +70,7 @@ def fit_walk_scan(loaded: LoadedMpc) -> LoadedMpc:
     ]
     origin = f"found in {scan.file}"
     regions_of_spec = [
-        _build_region_spec(n, region, scan) for n, region in enumerate(near, start=1)
+        _build_region_spec(n, region, scan) for n, region in enumerate(reachable, start=1)
     ]
     return loaded.with_overrides(
         [
@@ -129,8 +129,8 @@ def select_regions(
     if not regions:
         return []
     outlines = shapely.polygons([shapely.linearrings(r.vertices[:, :2]) for r in regions])
-    near = shapely.distance(outlines, _build_line(path)) <= reach + _REACH_EXTENSION
-    return [region for region, is_near in zip(regions, near, strict=True) if is_near]
+    is_reachable = shapely.distance(outlines, _build_line(path)) <= reach + _REACH_EXTENSION
+    return [region for region, keep in zip(regions, is_reachable, strict=True) if keep]
 
 
 def _build_line(path: Array) -> shapely.Geometry:

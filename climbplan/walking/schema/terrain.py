@@ -94,9 +94,11 @@ class LevelRegionSpec(SpecModel):
         """Return what is wrong with a region in the form of climbs."""
         form = "rectangle" if self.rectangle is not None else "vertices"
         forms = ("x", "y", "height", "slope", "corners", "vertices")
-        others = [key for key in forms if key != form and key in self.model_fields_set]
-        if others:
-            return [Fault(key, f"expected either `{form}` or `{key}`, got both") for key in others]
+        second_forms = [key for key in forms if key != form and key in self.model_fields_set]
+        if second_forms:
+            return [
+                Fault(key, f"expected either `{form}` or `{key}`, got both") for key in second_forms
+            ]
         if self.vertices is not None and (fault := check_polygon(self.vertices)):
             return [Fault("vertices", fault)]
         plane = read_polygon_plane(self._list_vertices())

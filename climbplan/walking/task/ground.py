@@ -157,7 +157,7 @@ class Ground:
     def leg_foothold_arrays(self) -> tuple[RegionArrays, ...]:
         """Footholds of each leg's own regions, in the order of `list_regions`; empty: all alike."""
         arrays = self.foothold_arrays
-        own = [self.list_regions(leg) for leg in range(self.allowed.shape[1])]
+        regions_of_leg = [self.list_regions(leg) for leg in range(self.allowed.shape[1])]
         return tuple(
             RegionArrays(
                 arrays.lower[regions],
@@ -168,7 +168,7 @@ class Ground:
                 arrays.inner[regions],
                 arrays.grid,
             )
-            for regions in own
+            for regions in regions_of_leg
         )
 
     def find_friction(self, region: IntArray) -> Array:

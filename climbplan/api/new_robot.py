@@ -73,7 +73,7 @@ def new_robot(
         SpecError: the URDF has mistakes.
         UsageError: no robot configuration can be generated from it.
     """
-    report = _StageReport(report)
+    report = _NewRobotProgress(report)
     report("proposing legs, toes and postures")
     proposal = propose_robot(urdf, toes=toes)
     planned = plan_proposal(proposal, directory, report, _sample_for_choice)
@@ -110,7 +110,7 @@ def new_robot(
     return NewRobot(planned.name, planned.files | walks | page, tuple(notes))
 
 
-class _StageReport:
+class _NewRobotProgress:
     """Report stages with how many there are, the CPU time so far and an estimate of the rest."""
 
     def __init__(self, report: Callable[[str], None]) -> None:

@@ -51,7 +51,7 @@ _TIME_LIMIT = 3600.0  # [s]
 _METHOD = ("solver.method=micp", f"solver.time_limit={_TIME_LIMIT}")
 # Motions of sequences take ten seconds and more each
 _WALL_SEQUENCES = 2  # of a transition, that are planned to the end
-_WALL_MARGIN_FRACTIONS = 1.2, 0.0  # of the margins, that motions of a sequence are planned with
+_WALL_MARGIN_FRACTIONS = 1.2, 0.6  # of the margins, that motions of a sequence are planned with
 _MAX_WALL_POSTURES = 2  # bracing postures that transitions are planned to
 _WALL_METHOD = (
     "solver.method=stance-search",
@@ -248,7 +248,7 @@ class ProposalTrials:
         braces = self._rank_braces()[:_MAX_WALL_POSTURES]
         planned = self._plan_bracing_postures(task, braces, format_wall_document, report)
         first, _ = self._select_best(task, planned, _MAX_WALL_PLANS, targets)
-        if first.plan is None and any(climb.plan is not None for climb in self._climbs):
+        if any(climb.plan is not None for climb in self._climbs):
             return first  # it braces with its limbs bent as it stands, so others promise little
 
         def document(proposal: RobotProposal, file: str, brace: LeggedPosture) -> str:

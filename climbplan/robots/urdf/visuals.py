@@ -50,7 +50,7 @@ def read_visual_geometry(
         text = write_visual_urdf(robot)
     except (UrdfFault, UrdfFaults) as fault:
         raise VisualGeometryError(str(fault)) from fault
-    key = _PieceKey(
+    key = _VisualPiecesKey(
         text,
         tuple(sorted(robot.spec.locked_positions.items())),
         tuple(joint.name for leg in robot.joints.values() for joint in leg),
@@ -80,7 +80,7 @@ def read_visual_geometry(
     return VisualGeometry(*(np.concatenate(arrays) for arrays in (vertices, faces, limbs, joints)))
 
 
-class _Piece(NamedTuple):
+class _VisualPiece(NamedTuple):
     """One shape, simplified, at zero angles."""
 
     points: Array  # (P, 3) base frame turned to x right, y forward, z up [m]
@@ -88,7 +88,7 @@ class _Piece(NamedTuple):
     joint: str  # of a leg, that carries it; "" for the body
 
 
-class _PieceKey(NamedTuple):
+class _VisualPiecesKey(NamedTuple):
     """All that the pieces of a robot depend on."""
 
     text: str  # of the visual URDF
@@ -100,7 +100,7 @@ class _PieceKey(NamedTuple):
 
 
 _CACHE_SIZE = 4  # robots whose simplified shapes are remembered
-_CACHE: OrderedDict[_PieceKey, list[_Piece]] = OrderedDict()
+_CACHE: OrderedDict[_VisualPiecesKey, list[_VisualPiece]] = OrderedDict()
 
 
 def _list_mesh_stamps(text: str) -> tuple[tuple[str, int], ...]:
@@ -113,7 +113,7 @@ def _list_mesh_stamps(text: str) -> tuple[tuple[str, int], ...]:
     )
 
 
-def _read_pieces(urdf_model: UrdfModel, text: str, max_triangles: int) -> list[_Piece]:
+def _read_pieces(urdf_model: UrdfModel, text: str, max_triangles: int) -> list[_VisualPiece]:
     """Return the simplified shapes of a visual URDF; raises VisualGeometryError for bad meshes."""
     pin, model = urdf_model.library, urdf_model.model
     try:
@@ -131,7 +131,7 @@ def _read_pieces(urdf_model: UrdfModel, text: str, max_triangles: int) -> list[_
         placement = data.oMi[item.parentJoint] * item.placement
         turned = urdf_model.to_base_axes(points @ placement.rotation.T + placement.translation)
         joint = find_carrying_joint(model, item.parentJoint, leg_joints)
-        pieces.append(_Piece(turned, triangles, joint))
+        pieces.append(_VisualPiece(turned, triangles, joint))
     return pieces
 
 

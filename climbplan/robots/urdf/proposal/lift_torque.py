@@ -243,7 +243,7 @@ def _distribute_forces(
     return _ForceDistribution(float(x[3 * n]), float(x[-1]), x[: 3 * n], x[3 * n + 1 : 3 * n + 3])
 
 
-class _QuietHighs(highspy.Highs):
+class _QuietLinearSolver(highspy.Highs):
     """HiGHS without the line that its constructor prints."""
 
     def enableCallbacks(self) -> None:
@@ -255,7 +255,7 @@ class _QuietHighs(highspy.Highs):
 @cache
 def _create_solver() -> Any:
     """Return the HiGHS solver that all of these small programs share."""
-    solver: Any = _QuietHighs()  # type: ignore[no-untyped-call]
+    solver: Any = _QuietLinearSolver()  # type: ignore[no-untyped-call]
     solver.setOptionValue("threads", 1)
     return solver
 

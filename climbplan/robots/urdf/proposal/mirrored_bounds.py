@@ -29,11 +29,11 @@ def describe_unmirrored_bounds(legs: LegModel) -> list[str]:
     for leg, twin in enumerate(legs.mirrored_legs):
         if twin is None or twin <= leg:
             continue
-        for joint, (name, other) in enumerate(
+        for joint, (name, twin_name) in enumerate(
             zip(legs.chain.names[leg], legs.chain.names[twin], strict=True)
         ):
             alignment = float((axes[leg, joint] * [1.0, -1.0, -1.0]) @ axes[twin, joint])
-            if not name or not other or abs(alignment) < _MIN_ALIGNMENT:
+            if not name or not twin_name or abs(alignment) < _MIN_ALIGNMENT:
                 continue
             expected = np.array([lower[leg, joint], upper[leg, joint]])
             if alignment < 0:
@@ -41,7 +41,9 @@ def describe_unmirrored_bounds(legs: LegModel) -> list[str]:
             bounds = np.array([lower[twin, joint], upper[twin, joint]])
             if np.abs(bounds - expected).max() > _MAX_DIFFERENCE:
                 actual, mirrored = (_format_bounds(values) for values in (bounds, expected))
-                pairs.append(f"{other} turns by {actual}, as the mirror image of {name} {mirrored}")
+                pairs.append(
+                    f"{twin_name} turns by {actual}, as the mirror image of {name} {mirrored}"
+                )
     if not pairs:
         return []
     more = f" and {len(pairs) - _MAX_LISTED} more" if len(pairs) > _MAX_LISTED else ""

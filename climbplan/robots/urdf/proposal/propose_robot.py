@@ -146,7 +146,7 @@ def detect_legs(
     draft = _build_draft(urdf, base, limbs, chains.shared, packages)
     missing = _find_missing_meshes(tree, draft.packages)
     draft = replace(draft, requested_toes=tuple(requested_toes), missing_meshes=missing)
-    shapes, geometry_error = draft.read_shapes()
+    shapes, _ = draft.read_shapes()
     if requested_toes:
         toes = [Toe(link, (0.0, 0.0, 0.0), "as asked for") for link in requested_toes]
     else:
@@ -155,7 +155,7 @@ def detect_legs(
     draft.legs = _build_leg_sections(toes)
     if not requested_toes and not is_biped:
         limbs, toes, draft = _lock_idle_ends(draft, limbs, toes, chains.shared)
-        shapes, geometry_error = draft.read_shapes()
+        shapes, _ = draft.read_shapes()
     keep_all = bool(requested_toes) or is_biped
     legs, groups = _select_legs(draft, limbs, urdf, keep_all)
     if not keep_all and (cut := _truncate_weak_limbs(draft, limbs, legs, shapes)):
@@ -176,11 +176,8 @@ def detect_legs(
         for name, i in zip(naming.names, legs, strict=True)
     }
     _unlock_unrelated_joints(draft, tree, base, [limbs[i] for i in legs])
-    shapes, geometry_error = draft.read_shapes()
-    return _place_toes(
-        DetectedLegs(draft, tree, tuple(toes[i] for i in legs), naming, shapes, geometry_error),
-        is_biped,
-    )
+    leg_toes = tuple(toes[i] for i in legs)
+    return _place_toes(DetectedLegs(draft, tree, leg_toes, naming, *draft.read_shapes()), is_biped)
 
 
 def _find_missing_meshes(tree: UrdfTree, packages: dict[str, str]) -> tuple[str, ...]:

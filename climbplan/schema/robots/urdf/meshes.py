@@ -35,10 +35,10 @@ def find_mesh(name: str, urdf: Path, packages: Mapping[str, str], directory: Pat
         try:
             path = _find_package(package, urdf, packages, directory) / inner_path
         except UrdfFault:
-            near = _find_above(Path(inner_path).parts, urdf)
-            if near is None:
+            path_above = _find_above(Path(inner_path).parts, urdf)
+            if path_above is None:
                 raise
-            path = near
+            path = path_above
     elif name.startswith("file://"):
         path = Path(unquote(urlparse(name).path))
         if not path.is_file():
@@ -64,11 +64,11 @@ def _find_installed(
     if _SHARE in parts[:-2]:
         package, *inner = parts[parts.index(_SHARE) + 1 :]
         try:
-            found = _find_package(package, urdf, packages, directory).joinpath(*inner)
+            installed = _find_package(package, urdf, packages, directory).joinpath(*inner)
         except UrdfFault:
-            found = None
-        if found is not None and found.is_file():
-            return found
+            installed = None
+        if installed is not None and installed.is_file():
+            return installed
     return _find_above(parts[1:], urdf)
 
 

@@ -116,19 +116,19 @@ class _NewRobotProgress:
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report, self._begin = report, time.process_time()
 
-    def __call__(self, words: str) -> None:
+    def __call__(self, message: str) -> None:
         """Report the beginning of a stage, or of a step in it."""
         stages = list(_STAGE_FRACTIONS)
-        number = next((i for i, stage in enumerate(stages) if words.startswith(stage)), None)
+        number = next((i for i, stage in enumerate(stages) if message.startswith(stage)), None)
         if number is None:
-            self._report(words)
+            self._report(message)
             return
         elapsed = time.process_time() - self._begin
         done = sum(_STAGE_FRACTIONS[stage] for stage in stages[:number])
         estimate = f"; {elapsed:.0f} s of CPU so far" if done else ""
         if done:
             estimate += f", about {elapsed * (1 - done) / done:.0f} s to go"
-        self._report(f"{number + 1} of {len(stages)}: {words}{estimate}")
+        self._report(f"{number + 1} of {len(stages)}: {message}{estimate}")
 
 
 def _sample_for_choice(plan: ClimbPlan) -> WorldSample | None:

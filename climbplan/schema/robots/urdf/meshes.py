@@ -60,26 +60,26 @@ def _find_installed(
     Behind `share` stands the name of a package, as where ROS installs it. Other paths are looked
     for by their ends. Arguments are those of `find_mesh`.
     """
-    parts = path.parts
-    if _SHARE in parts[:-2]:
-        package, *inner = parts[parts.index(_SHARE) + 1 :]
+    components = path.parts
+    if _SHARE in components[:-2]:
+        package, *inner = components[components.index(_SHARE) + 1 :]
         try:
             installed = _find_package(package, urdf, packages, directory).joinpath(*inner)
         except UrdfFault:
             installed = None
         if installed is not None and installed.is_file():
             return installed
-    return _find_above(parts[1:], urdf)
+    return _find_above(components[1:], urdf)
 
 
-def _find_above(parts: tuple[str, ...], urdf: Path) -> Path | None:
-    """Return the file in a directory above a URDF whose path ends with most of the given parts.
+def _find_above(components: tuple[str, ...], urdf: Path) -> Path | None:
+    """Return the file in a directory above a URDF whose path ends with most given components.
 
     A folder and a file name have to agree at least. None without one.
     """
-    for start in range(len(parts) - 1):
+    for start in range(len(components) - 1):
         for parent in urdf.resolve().parents:
-            path = parent.joinpath(*parts[start:])
+            path = parent.joinpath(*components[start:])
             if path.is_file():
                 return path
     return None

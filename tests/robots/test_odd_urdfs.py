@@ -11,8 +11,7 @@ import trimesh
 from urdf_walkers import QUADRUPED
 
 from climbplan.errors import SpecError
-from climbplan.robots.urdf.proposal.mirrored_bounds import describe_unmirrored_bounds
-from climbplan.robots.urdf.proposal.postures import keep_off_bounds
+from climbplan.robots.urdf.proposal.postures import describe_unmirrored_bounds, keep_off_bounds
 from climbplan.robots.urdf.proposal.propose_robot import (
     detect_legs,
     prepare_detected_legs,

@@ -11,6 +11,7 @@ from example_climb import Climb
 
 import climbplan.climb.check.verification as verification
 from climbplan.climb.plan.file import read_as_found
+from climbplan.climb.plan.world_sample import WorldSample
 from climbplan.store.content import compute_digest
 
 
@@ -44,13 +45,17 @@ def test_a_plan_is_verified_once_and_again_after_any_change(
     climb: Climb, original: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     judged = []
-    check = verification._run_verification
+    check = verification._generate_checks
     monkeypatch.setattr(verification, "_last", None)
     monkeypatch.setattr(
-        verification, "_run_verification", lambda *given: judged.append(given) or check(*given)
+        verification, "_generate_checks", lambda *given: judged.append(given) or check(*given)
     )
     first = verification.verify_plan(climb.plan)
-    assert verification.verify(original) is first  # the file holds the same
+    assert verification.verify(original) == first  # the file holds the same
+    # The worlds that are sampled after planning change no check but their own
+    sample = WorldSample("statics", 0, 100, 4, 0.9, 0.98, {})
+    sampled = verification.verify_plan(replace(climb.plan, sample=sample))
+    assert [c for c in sampled.checks if c.name != "robust.worlds"] == [*first.checks]
     assert len(judged) == 1
     climb.plan.trajectory.com[5, 2] += 1e-12  # in place, in memory alone
     try:

@@ -129,9 +129,9 @@ def _read_pieces(urdf_model: UrdfModel, text: str, max_triangles: int) -> list[_
         if not len(triangles):
             continue
         placement = data.oMi[item.parentJoint] * item.placement
-        turned = urdf_model.to_base_axes(points @ placement.rotation.T + placement.translation)
+        placed = urdf_model.to_base_axes(points @ placement.rotation.T + placement.translation)
         joint = find_carrying_joint(model, item.parentJoint, leg_joints)
-        pieces.append(_VisualPiece(turned, triangles, joint))
+        pieces.append(_VisualPiece(placed, triangles, joint))
     return pieces
 
 

@@ -411,18 +411,15 @@ class FixedContactProgram:
             self.num_forces, FACETS, self.num_forces, 3
         )
         region_of_force = self.gait.region[self.stand_knot, self.stand_leg]
-        facets = _build_facets(self.task.ground.friction)
-        if self.task.ground.region_friction.size:
-            coefficients = self.task.ground.find_friction(region_of_force)
-            facets = np.array([_build_facets(float(mu)) for mu in coefficients])
-        blocks[force_index, :, force_index] = facets @ self.task.ground.frame[region_of_force]
+        ground, region = self.task.ground, self.footing.region
+        facets = _build_facets(ground.friction)
+        if ground.region_friction.size:
+            friction = ground.find_friction(region_of_force)
+            facets = np.array([_build_facets(float(mu)) for mu in friction])
+        blocks[force_index, :, force_index] = facets @ ground.frame[region_of_force]
         # Force limits, eq. (8.23), and regions, eq. (8.24)
         max_force = self.task.body.force_limit / self.force_scale
-        ground, region = self.task.ground, self.footing.region
-        lower, upper = (
-            np.empty(self.num_unknowns + len(rows)),
-            np.empty(self.num_unknowns + len(rows)),
-        )
+        lower, upper = (np.empty(self.num_unknowns + len(rows)) for _ in range(2))
         lower[: self.foot_column] = np.tile([-max_force, -max_force, 0.0], self.num_forces)
         upper[: self.foot_column] = max_force
         region_lower, region_upper, region_sides = ground.footholds

@@ -53,7 +53,10 @@ def _carried(
         force=SimpleNamespace(safety_torque=_LEAST), margins=SimpleNamespace(asked=True)
     )
     clock = StageClock(lambda stage, fraction: None)
-    run: Any = SimpleNamespace(scene=SimpleNamespace(spec=spec), clock=clock)
+    scene = SimpleNamespace(spec=spec)
+    run: Any = SimpleNamespace(
+        scene=scene, clock=clock, margin_fractions=sequence_planning.MARGIN_FRACTIONS
+    )
     sequence: Any = SimpleNamespace(safety_torque=2.0, moves=None)
     tables: Any = None  # only the planner, which is not asked, would look at it
     return sequence_planning.plan_and_verify_sequence(run, tables, sequence)
@@ -66,7 +69,7 @@ def test_a_joint_past_its_bound_is_given_more_room(monkeypatch: pytest.MonkeyPat
     assert _carried(monkeypatch, planner).motion is not None
     assert [room for _, _, room in planner.asked] == list(sequence_planning._JOINT_MARGINS[:2])
     assert {share for _, share, _ in planner.asked} == {
-        sequence_planning._MARGIN_FRACTIONS[0]
+        sequence_planning.MARGIN_FRACTIONS[0]
     }  # no margin given up
 
 
@@ -77,7 +80,7 @@ def test_other_failures_are_not(monkeypatch: pytest.MonkeyPatch) -> None:
     assert {room for _, _, room in planner.asked} == {sequence_planning._JOINT_MARGINS[0]}
     every = [
         (f * _LEAST, share)
-        for share in sequence_planning._MARGIN_FRACTIONS
+        for share in sequence_planning.MARGIN_FRACTIONS
         for f in sequence_planning._TORQUE_FACTORS
     ]
     assert [(asked, share) for asked, share, _ in planner.asked] == every

@@ -20,9 +20,13 @@ from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, build_ur
 from climbplan.robots.urdf.proposal.bracing_grid_search import estimate_full_reach, find_braces
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.leg_naming import LegNaming, find_mirrored_legs
-from climbplan.robots.urdf.proposal.mirrored_bounds import describe_unmirrored_bounds
 from climbplan.robots.urdf.proposal.motors import GRAVITY, JointMotors, propose_motors
-from climbplan.robots.urdf.proposal.postures import LeggedPosture, LegModel, keep_off_bounds
+from climbplan.robots.urdf.proposal.postures import (
+    LeggedPosture,
+    LegModel,
+    describe_unmirrored_bounds,
+    keep_off_bounds,
+)
 from climbplan.robots.urdf.proposal.self_collision import (
     SelfCollisionModel,
     build_self_collision_model,

@@ -26,7 +26,7 @@ compiled = create_compiler(Path(__file__).parent, "chain_kernel.py")
 
 
 class ChainTable(NamedTuple):
-    """ChainTable of J joints at zero angles: those of N limbs, with a first axis, or of one."""
+    """Chains of J joints at zero angles: of N limbs, with a leading axis, or of one."""
 
     joints: Array  # (J, 3) points on the joint axes [m]
     axes: Array  # (J, 3) unit axes, zero of joints that do not turn

@@ -63,6 +63,9 @@ def test_the_guide_path_makes_a_ramp_of_stairs() -> None:
     np.testing.assert_allclose(guide.interpolate(0.0)[1], 0.0, atol=1e-9)
     middle = guide.interpolate(guide.length / 2)[1]
     assert np.deg2rad(2) < middle[0] < np.deg2rad(12), "the nose points up the stairs"
+    partly = build_guide_path(scene, 0.5).interpolate(guide.length / 2)[1]
+    np.testing.assert_allclose(partly, 0.5 * middle, atol=1e-12)
+    assert guide.steepest >= middle[0]
     assert abs(middle[1]) < 1e-9
 
 

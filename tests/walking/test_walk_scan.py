@@ -50,7 +50,11 @@ solver: {max_qp_solves: 60}
 """
 
 
-def write_mesh(path: Path, *boxes: tuple[tuple[float, ...], tuple[float, ...]]) -> None:
+# Lowest and highest corner (3,) of a box [m]
+Box = tuple[tuple[float, ...], tuple[float, ...]]
+
+
+def write_mesh(path: Path, *boxes: Box) -> None:
     lines = ["solid steps"]
     for low, high in boxes:
         corners = np.array(low) + _CORNERS * (np.array(high) - np.array(low))
@@ -60,8 +64,8 @@ def write_mesh(path: Path, *boxes: tuple[tuple[float, ...], tuple[float, ...]]) 
     path.write_text("\n".join([*lines, "endsolid steps", ""]))
 
 
-def loaded(folder: Path, text: str = SPEC, extra: tuple[object, ...] = ()) -> LoadedMpc:
-    write_mesh(folder / "steps.stl", FLOOR, STEP, LANDING, FAR_AWAY, *extra)  # type: ignore[arg-type]
+def loaded(folder: Path, text: str = SPEC, extra: tuple[Box, ...] = ()) -> LoadedMpc:
+    write_mesh(folder / "steps.stl", FLOOR, STEP, LANDING, FAR_AWAY, *extra)
     (folder / "walk.yaml").write_text(text)
     return load_mpc(folder / "walk.yaml")
 

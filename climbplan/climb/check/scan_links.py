@@ -105,7 +105,12 @@ def _find_unique_poses(capsule: Capsule, contacts: PoseFootholds) -> tuple[IntAr
 
 
 def _find_changes(*features: Array) -> tuple[IntArray, IntArray]:
-    """Return rows (K,) that differ from those before in an array (P, ...), and the latest (P,)."""
+    """Find where arrays (P, ...) change from one row to the next; the first row counts, too.
+
+    Returns:
+        The rows (K,) that differ from the row before, and for each row (P,) the index of the last
+        of these up to it.
+    """
     flat = np.hstack([values.reshape(len(values), -1) for values in features])
     flat = np.where(np.isnan(flat), np.inf, flat)  # as that all are alike
     is_new = np.append(True, (flat[1:] != flat[:-1]).any(axis=1))

@@ -143,7 +143,10 @@ _last: tuple[bytes, tuple[Check, ...]] | None = None  # digest of the last plan,
 
 
 def _recompute_unless_known(plan: ClimbPlan) -> tuple[Check, ...]:
-    """Return the checks of a plan without those of its risk, from the last verification if same."""
+    """Return the checks of a plan but those of its risk.
+
+    They are those of the last verification where the plan is the same.
+    """
     global _last
     try:
         content = _compute_content_digest(plan)

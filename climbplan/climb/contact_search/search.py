@@ -3,7 +3,11 @@
 In each round every limb moves once, in the order of the gait, while the body advances along the
 guide path (H. Escande et al., 2013, and S. Tonneau et al., 2018, plan contacts before and along
 such a path). For each limb the candidates of `footholds.py` are checked exactly by `limb_move.py`,
-and the first that passes is taken. A round that fails is tried with a shorter advance; where none
+and the first that passes is taken. On slopes and stairs the body takes a fraction of the ground's
+inclination: of hind legs that bend forward, the shanks would meet the edges of steps otherwise.
+
+Where a limb that stands stops a later move, that limb is placed elsewhere (conflict-directed
+backjumping). A round that fails is tried with other inclinations and shorter advances; where none
 remains, the round before it is planned again. Each place of the path is left a limited number of
 times, so that the effort grows in proportion to its length.
 """
@@ -217,6 +221,7 @@ class FootholdSearch:
         return 0.0
 
     def _begin_round(self, before: PlannedRound, advance: _Advance, number: int) -> _Round:
+        """Return a round without moves, with the body's pose at its end."""
         covered = before.covered + advance.distance
         base = BodyPose(*self.guides[advance.guide].interpolate(covered))
         return _Round(before, base, advance, number, covered >= self.length - 1e-9)

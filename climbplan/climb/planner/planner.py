@@ -166,9 +166,9 @@ def plan_by_method(
 
 
 def _complete_partial_plan(partial: PartialClimb, clock: StageClock) -> ClimbPlan | None:
-    """Return what was found before a search ended, as the plan of a nearer goal; None if it fails.
+    """Return what was found before a search ended, as the plan of a nearer goal.
 
-    Clearance and forces are those of the whole part, which the search has not looked at.
+    Forces and trajectory of the whole part are planned here; None where that fails.
     """
     loaded = partial.loaded
     assert loaded is not None

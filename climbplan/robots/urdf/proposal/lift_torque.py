@@ -244,7 +244,10 @@ def _distribute_forces(
 
 
 class _QuietLinearSolver(highspy.Highs):
-    """HiGHS without the line that its constructor prints."""
+    """HiGHS without the line that its constructor prints.
+
+    `climbplan.solvers` has the same, but is above robots in the order of imports.
+    """
 
     def enableCallbacks(self) -> None:
         """Disable output before the constructor enables callbacks."""

@@ -28,6 +28,19 @@ def test_joints_are_the_default(planned: Planned) -> None:
     assert select_regulator(NOMINAL, planned().robot) == "joints"
 
 
+def test_a_toe_counts_once_it_has_landed(planned: Planned) -> None:
+    """Swings of 0.4 m/s are trailed by 0.1 s: toes that counted at once were 12 mm in the air."""
+    plan = planned()
+    time, trusted = plan.trajectory.time, find_trusted_toes(plan)
+    landings = np.diff(plan.trajectory.contact.astype(int), axis=0) == 1
+    samples, limbs = np.nonzero(landings)
+    assert len(samples) > 3
+    for sample, limb in zip(samples + 1, limbs, strict=True):
+        is_landing = (time >= time[sample]) & (time < time[sample] + 0.19)
+        assert not trusted[is_landing, limb].any()
+    assert trusted[plan.trajectory.contact].mean() > 0.6
+
+
 def test_nothing_new_is_corrected_while_a_toe_takes_load(planned: Planned) -> None:
     plan = planned()
     loading = (find_trusted_toes(plan) != plan.trajectory.contact).any(axis=1)

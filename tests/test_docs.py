@@ -78,6 +78,18 @@ def test_commands_that_drive_a_robot(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.slow
+def test_commands_that_write_and_measure_a_motion(tmp_path: Path) -> None:
+    pytest.importorskip("pinocchio")
+    page = (DOCS / "how_to/motions_for_learning.md").read_text()
+    block = re.findall(r"```sh\n(.*?)```", page, re.DOTALL)[0]
+    done = run(" && ".join(block.strip().splitlines()), clone(tmp_path))
+    assert done.returncode == 0, done.stderr
+    assert {"tracked_motion.npz", "tracked_motion.terrain.obj"} <= {
+        p.name for p in (tmp_path / "outputs/tracked").iterdir()
+    }
+
+
 @pytest.mark.parametrize(
     "example",
     [

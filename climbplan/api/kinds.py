@@ -12,6 +12,7 @@ from climbplan.errors import PlanFileError, UsageError
 
 if TYPE_CHECKING:
     from climbplan.exports.motion import RobotMotion
+    from climbplan.motions.tracked_motion import TrackedMotion
     from climbplan.reports.viewer.scene import ViewerScene
     from climbplan.schema.holding import HeldSpec
     from climbplan.verification.verification import Verification
@@ -25,6 +26,7 @@ class PlanKind:
     csv_name: str  # of the exported file
     is_in_space: bool = True  # whether there is something to look at
     moves: bool = True  # whether there is a motion to export
+    has_links: bool = True  # whether it moves one robot with limbs, which trackers follow
 
     def _module(self, name: str) -> Any:
         return import_module(f"climbplan.{self.family}.{name}")
@@ -79,6 +81,20 @@ class PlanKind:
         motion: RobotMotion = self._module("exports.motion").read_motion(path)
         return motion
 
+    def read_tracked_motion(self, path: Path, rate: float | None) -> TrackedMotion:
+        """Read the motion for motion-tracking pipelines at a rate [Hz]; None takes 50 Hz.
+
+        Raises UsageError for plans without links and joints.
+        """
+        if not (self.moves and self.has_links):
+            raise UsageError(
+                f"{path}: expected a climb, transition or walk, whose robot has one body; "
+                "--format motion writes no other plans"
+            )
+        module = self._module("exports.tracked_motion")
+        motion: TrackedMotion = module.read_tracked_motion(path, rate)
+        return motion
+
     def read_scene(self, path: Path) -> ViewerScene:
         """Read the scene that `view` shows; raises UsageError for files without geometry."""
         if not self.is_in_space:
@@ -93,7 +109,7 @@ KINDS = {
     "climbplan/climb": PlanKind("climb", "trajectory.csv"),
     "climbplan/transition": PlanKind("climb", "trajectory.csv"),
     "climbplan/bookshelf": PlanKind("bookshelf", "placements.csv", moves=False),
-    "climbplan/limms": PlanKind("limms", "motion.csv"),
+    "climbplan/limms": PlanKind("limms", "motion.csv", has_links=False),
     "climbplan/mpc": PlanKind("walking", "walk.csv"),
     "climbplan/dataset": PlanKind("datasets", "dataset.csv", is_in_space=False, moves=False),
 }

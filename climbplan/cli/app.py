@@ -65,7 +65,7 @@ GROUPS = {
         "fit-gripper",
         "fit-terrain",
     ),
-    "Check": ("verify", "simulate"),
+    "Check": ("verify", "simulate", "measure"),
     "Look and take away": ("report", "view", "export"),
     "Write and look up": ("new", "validate", "schema", "robot", "doctor"),
 }

@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from climbplan.api.kinds import PlanKind
 
 
-# Names of `climbplan.exports.formats.FORMATS` and the regulator's, not imported for --help
-FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd", "regulator"]
+# Names of `climbplan.exports.formats.FORMATS`, of motions and regulators, not imported for --help
+FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd", "motion", "regulator"]
+TRACKED_MOTION = "tracked_motion.npz"  # beside the plan; `motion.npz` is of --format npz
 
 
 @dataclass(frozen=True)
@@ -55,13 +56,16 @@ class ExportOptions:
             "--format",
             help="Format: csv; npz: NumPy arrays; mcap: one file of ROS 2 messages; ros2: a bag "
             "of ROS 2; jtc: parameters and goal of a JointTrajectoryController; usd: an animated "
-            "scene; regulator: code and tables that correct joint commands by measured joint "
-            "angles.",
+            "scene; motion: NPZ with contacts for motion-tracking pipelines; regulator: code and "
+            "tables that correct joint commands by measured joint angles.",
         ),
     ] = "csv"
     rate: Annotated[
         float | None,
-        typer.Option(metavar="HZ", help="Sample rate [Hz] [default: the plan's own samples]."),
+        typer.Option(
+            metavar="HZ",
+            help="Sample rate [Hz] [default: the plan's own samples; 50 with motion].",
+        ),
     ] = None
     gains: Annotated[
         str | None,
@@ -165,6 +169,8 @@ def export(context: typer.Context, options: ExportOptions) -> None:
     remark = require_verified(kind, path, options.unverified)
     if options.format_ == "regulator":
         print_result(str(_write_regulator(context, path, options, remark)))
+    elif options.format_ == "motion":
+        print_result(str(_write_tracked_motion(kind, path, options, remark)))
     elif options.format_ != "csv" or options.motion != MotionOptions():
         print_result(str(_write_motion(kind, path, options, remark)))
     elif options.out == "-":
@@ -228,6 +234,27 @@ def _write_regulator(
         f"a tick takes {1e6 * took.median:.0f} us here "
         f"(median; 99 %: {1e6 * took.percentile_99:.0f} us)"
     )
+    return target
+
+
+def _write_tracked_motion(kind: PlanKind, path: Path, options: ExportOptions, remark: str) -> Path:
+    from climbplan.motions.motion_file import name_terrain_file, write_motion_file
+
+    if options.out == "-" or options.motion != MotionOptions(rate=options.rate):
+        raise UsageError(
+            "--format motion: the kinematic motion with its contacts; expected --rate or nothing, "
+            "no other option and no -o -"
+        )
+    target = Path(options.out) if options.out is not None else path.parent / TRACKED_MOTION
+    if target.suffix != ".npz":
+        raise UsageError(f"{target}: expected a file that ends with .npz")
+    for file in (target, name_terrain_file(target)):
+        _require_free(file, options.force)
+    motion = kind.read_tracked_motion(path, options.rate)
+    facts = {**motion.facts, "verification": remark or "passed"}
+    for note in motion.notes:
+        warn(note)
+    write_motion_file(replace(motion, is_verified=not remark, facts=facts), target)
     return target
 
 

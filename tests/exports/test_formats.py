@@ -43,7 +43,7 @@ def counted(motion: RobotMotion) -> dict[str, int]:
 
 
 def test_the_command_takes_every_format() -> None:
-    assert get_args(FormatName) == (*FORMATS, "regulator")
+    assert get_args(FormatName) == (*FORMATS, "motion", "regulator")
 
 
 @pytest.mark.parametrize("kind", sorted(READERS))

@@ -149,16 +149,27 @@ def _build_joint_limits(plan: ClimbPlan, angle: Array) -> JointLimits:
     )
 
 
+def read_plan_urdf(plan: ClimbPlan) -> UrdfRobot | None:
+    """Return the URDF robot that a plan carries; None if it carries none.
+
+    Raises:
+        NotKept: The plan does not carry what its spec names.
+        ClimbplanError: The text is no robot.
+    """
+    if not plan.robot_texts.urdf or not isinstance(plan.robot.mechanism, SerialChain):
+        return None
+    robot = build_stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts).robot
+    return robot if isinstance(robot, UrdfRobot) else None
+
+
 def _read_root_link(plan: ClimbPlan) -> tuple[BaseLink | None, dict[str, object], tuple[str, ...]]:
     """Return root link and facts of the URDF that a plan carries, and notes where they are
     unreadable.
     """
     chain = plan.robot.mechanism
-    if not plan.robot_texts.urdf or not isinstance(chain, SerialChain):
-        return None, {}, ()
     try:
-        robot = build_stored_robot(parse_yaml(plan.spec_text, "spec"), plan.robot_texts).robot
-        if not isinstance(robot, UrdfRobot):
+        robot = read_plan_urdf(plan)
+        if robot is None or not isinstance(chain, SerialChain):
             return None, {}, ()
         facts = dict(collect_urdf_facts(robot))
         return build_base_link(robot, chain, np.eye(3)), facts, ()

@@ -1,0 +1,62 @@
+"""Signed distances of points from a triangle mesh: negative below the nearest triangle."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from climbplan.arrays import Array, IntArray
+from climbplan.motions.tracked_motion import TerrainMesh
+
+FAR = 0.5  # [m] distance up to which triangles are looked at; farther points have this distance
+_CHUNK = 256  # points at a time, which in the order of motion are near few triangles
+_MAX_PAIRS = 400_000  # of point and triangle at a time
+_MIN_AREA = 1e-14  # [m^2] of a triangle that has a normal
+
+
+def measure_distances(points: Array, mesh: TerrainMesh) -> Array:
+    """Return signed distances (M,) of points (M, 3) from a mesh [m], at most `FAR`.
+
+    A point has a negative distance where the nearest point of the mesh lies inside a triangle and
+    the point is behind that triangle. Behind edges of open surfaces distances stay positive.
+    """
+    corners = mesh.corners
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = np.linalg.norm(normal, axis=1)
+    corners = corners[area > _MIN_AREA]
+    normal = normal[area > _MIN_AREA] / area[area > _MIN_AREA, None]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    out = np.full(len(points), FAR)
+    for start in range(0, len(points), _CHUNK):
+        chunk = points[start : start + _CHUNK]
+        overlaps = (low <= chunk.max(axis=0) + FAR) & (high >= chunk.min(axis=0) - FAR)
+        candidates = np.flatnonzero(overlaps.all(axis=1))
+        rows = max(_MAX_PAIRS // max(len(candidates), 1), 1)
+        for first in range(0, len(chunk), rows):
+            batch = chunk[first : first + rows]
+            place = slice(start + first, start + first + len(batch))
+            out[place] = _measure_chunk(batch, corners, normal, candidates)
+    return out
+
+
+def _measure_chunk(points: Array, corners: Array, normal: Array, candidates: IntArray) -> Array:
+    """Return signed distances (M,) from the triangles of indices `candidates`."""
+    if not len(candidates):
+        return np.full(len(points), FAR)
+    triangles, unit = corners[candidates][None], normal[candidates]
+    point = points[:, None]
+    height = np.einsum("mtk,tk->mt", point - triangles[:, :, 0], unit)
+    projection = point - height[..., None] * unit
+    edges = np.roll(triangles, -1, axis=2) - triangles
+    to_point = projection[:, :, None] - triangles
+    inward = np.cross(unit[None, :, None], edges)
+    is_inside = ((to_point * inward).sum(axis=-1) >= 0).all(axis=-1)
+    square = (edges**2).sum(axis=-1)
+    fraction = np.clip((to_point * edges).sum(axis=-1) / square, 0, 1)
+    on_edge = triangles + fraction[..., None] * edges
+    edge_distance = np.linalg.norm(point[:, :, None] - on_edge, axis=-1).min(axis=-1)
+    distance = np.where(is_inside, np.abs(height), edge_distance)
+    nearest = distance.argmin(axis=1)
+    row = np.arange(len(points))
+    is_behind = is_inside[row, nearest] & (height[row, nearest] < 0)
+    signed = np.where(is_behind, -distance[row, nearest], distance[row, nearest])
+    return np.minimum(signed, FAR)

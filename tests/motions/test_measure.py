@@ -1,0 +1,294 @@
+"""Measures find what was broken on purpose, and nothing else; files of others are completed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from climbplan.arrays import Array
+from climbplan.cli.app import run
+from climbplan.climb.exports.tracked_motion import read_tracked_motion
+from climbplan.errors import UsageError
+from climbplan.motions.completion import Completion, complete_motion, read_robot
+from climbplan.motions.contact_rule import FootShape, Rule, add_contacts, read_foot_shapes
+from climbplan.motions.measure import MEASURES, measure_motion
+from climbplan.motions.motion_file import KEYS, read_motion_file, write_motion_file
+from climbplan.motions.terrain_distance import FAR, measure_distances
+from climbplan.motions.tracked_motion import TrackedMotion, build_polygon_mesh
+
+SPECS = Path(__file__).parents[2] / "specs"
+
+
+def failed(motion: TrackedMotion, **limits: float) -> set[str]:
+    return {check.name for check in measure_motion(motion, limits) if not check.passed}
+
+
+def test_a_planned_motion_passes(motion: TrackedMotion) -> None:
+    checks = {check.name: check for check in measure_motion(motion, {})}
+    assert tuple(checks) == tuple(MEASURES)
+    assert not failed(motion)
+    assert checks["contact.slip"].residual < 1e-9
+    assert checks["contact.penetration"].residual < 1e-9
+    assert checks["contact.distance"].residual < 1e-9
+    assert not checks["kinematics.bodies"].judged
+    assert checks["power.peak"].margin.endswith("W")
+
+
+def move_toe(motion: TrackedMotion, direction: Array) -> TrackedMotion:
+    """Move a tibia by 3 mm over ten samples while its toe stands, at no speed."""
+    assert motion.contacts is not None
+    body = motion.contacts.body[0]
+    first = int(np.flatnonzero(motion.contacts.is_touching[:, 0])[5])
+    position = motion.body_position.copy()
+    position[first : first + 10, body] += 3e-3 * direction
+    return replace(motion, body_position=position)
+
+
+def slip(motion: TrackedMotion) -> TrackedMotion:
+    return move_toe(motion, np.array([0.0, 0.0, 1.0]))  # along the wall
+
+
+def press_in(motion: TrackedMotion) -> TrackedMotion:
+    assert motion.contacts is not None
+    return move_toe(motion, -motion.contacts.normal[0, 0])
+
+
+def pull_off(motion: TrackedMotion) -> TrackedMotion:
+    assert motion.contacts is not None
+    return move_toe(motion, motion.contacts.normal[0, 0])
+
+
+def bend_too_far(motion: TrackedMotion) -> TrackedMotion:
+    assert motion.bounds is not None
+    upper = motion.bounds.upper.copy()
+    upper[4] = motion.joint_position[:, 4].max() - 0.01
+    return replace(motion, bounds=replace(motion.bounds, upper=upper))
+
+
+def move_too_fast(motion: TrackedMotion) -> TrackedMotion:
+    assert motion.bounds is not None
+    speed = 0.9 * np.abs(motion.joint_velocity).max(axis=0)
+    return replace(motion, bounds=replace(motion.bounds, speed=np.maximum(speed, 1e-3)))
+
+
+def load_too_much(motion: TrackedMotion) -> TrackedMotion:
+    assert motion.joint_torque is not None
+    assert motion.bounds is not None
+    torque = motion.joint_torque.copy()
+    torque[7, 2] = 1.1 * motion.bounds.torque[2]
+    return replace(motion, joint_torque=torque)
+
+
+def push_sideways(motion: TrackedMotion) -> TrackedMotion:
+    assert motion.contacts is not None
+    assert motion.contacts.force is not None
+    force = motion.contacts.force.copy()
+    force[3, 1] += np.array([0.0, 50.0, 0.0])
+    return replace(motion, contacts=replace(motion.contacts, force=force))
+
+
+def turn_quaternions_round(motion: TrackedMotion) -> TrackedMotion:
+    """In the order x, y, z, w."""
+    return replace(motion, body_quaternion=motion.body_quaternion[..., [1, 2, 3, 0]])
+
+
+def scale_joint_velocities(motion: TrackedMotion) -> TrackedMotion:
+    return replace(motion, joint_velocity=0.5 * motion.joint_velocity)
+
+
+BROKEN: dict[str, tuple[Callable[[TrackedMotion], TrackedMotion], set[str]]] = {
+    "slip": (slip, {"contact.slip"}),
+    "penetration": (press_in, {"contact.slip", "contact.penetration"}),
+    "distance": (pull_off, {"contact.slip", "contact.distance"}),
+    "position": (bend_too_far, {"joint.position"}),
+    "speed": (move_too_fast, {"joint.speed"}),
+    "torque": (load_too_much, {"joint.torque"}),
+    "friction": (push_sideways, {"contact.friction"}),
+    "joint velocities": (scale_joint_velocities, {"velocity.joints"}),
+}
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_each_measure_finds_what_was_broken(motion: TrackedMotion, name: str) -> None:
+    break_motion, expected = BROKEN[name]
+    assert failed(break_motion(motion)) - {"velocity.bodies"} == expected
+
+
+def test_another_order_of_quaternions_shows_in_velocities(motion: TrackedMotion) -> None:
+    assert "velocity.bodies" in failed(turn_quaternions_round(motion))
+
+
+def test_limits_are_the_users_own(motion: TrackedMotion) -> None:
+    slipping = slip(motion)
+    assert "contact.slip" not in {
+        c.name for c in measure_motion(slipping, {"contact.slip": 4e-3}) if not c.passed
+    }
+    assert {c.name for c in measure_motion(motion, {"power.peak": 1e-3}) if not c.passed} == {
+        "power.peak"
+    }
+    with pytest.raises(UsageError, match=r"--limit contact.slide: expected one of contact.slip"):
+        measure_motion(motion, {"contact.slide": 1.0})
+
+
+def strip(path: Path, target: Path) -> Path:
+    """Write only what the published converters write."""
+    with np.load(path) as arrays:
+        np.savez(target, **{key: arrays[key] for key in ("fps", *KEYS)})
+    return target
+
+
+def test_a_foreign_file_is_completed(urdf_climb: Path, tmp_path: Path) -> None:
+    """Names, limits and contacts come from URDF, mesh and rule; they are those of the plan."""
+    own = read_tracked_motion(urdf_climb, 50.0)
+    write_motion_file(own, tmp_path / "own.npz")
+    foreign = read_motion_file(strip(tmp_path / "own.npz", tmp_path / "foreign.npz"))
+    assert foreign.contacts is None
+    assert foreign.joint_names[0] == "joint 0"
+    assert {c.name for c in measure_motion(foreign, {}) if c.judged} == {
+        "velocity.joints",
+        "velocity.bodies",
+    }
+    assert own.contacts is not None
+    feet = tuple(own.body_names[body] for body in own.contacts.body)
+    urdf, robot = read_robot(SPECS / "walker.urdf")
+    completed, notes = complete_motion(
+        foreign,
+        Completion(urdf=urdf, robot=robot, terrain=own.terrain, feet=feet, foot_radius=0.0),
+    )
+    assert any(note.startswith("contacts by rule") for note in notes)
+    assert completed.contacts is not None
+    same = completed.contacts.is_touching == own.contacts.is_touching
+    assert same.mean() > 0.95
+    checks = {c.name: c for c in measure_motion(completed, {}, robot)}
+    assert checks["kinematics.bodies"].judged
+    assert checks["kinematics.bodies"].residual < 1e-5
+    assert not checks["joint.torque"].judged
+    assert checks["contact.penetration"].residual < 1e-6
+
+
+def test_contacts_need_nearness_and_rest() -> None:
+    """A foot that slides over the ground touches nothing by the rule, one that stands does."""
+    time = np.arange(60) / 50
+    position = np.zeros((60, 2, 3))
+    position[30:, 0, 0] = 0.5 * (time[30:] - time[30])
+    position[:, 1, 2] = 0.1
+    ground = build_polygon_mesh([np.array([[-9, -9, 0], [9, -9, 0], [9, 9, 0], [-9, 9, 0.0]])])
+    motion = TrackedMotion(
+        name="feet",
+        fps=50.0,
+        joint_names=(),
+        body_names=("near", "far"),
+        joint_position=np.zeros((60, 0)),
+        joint_velocity=np.zeros((60, 0)),
+        body_position=position,
+        body_quaternion=np.broadcast_to([1.0, 0.0, 0.0, 0.0], (60, 2, 4)),
+        body_velocity=np.zeros((60, 2, 3)),
+        body_angular_velocity=np.zeros((60, 2, 3)),
+        terrain=ground,
+    )
+    shape = FootShape(np.zeros((1, 3)), 0.01)
+    found = add_contacts(motion, {"near": shape, "far": shape}, Rule(0.02, 0.15)).contacts
+    assert found is not None
+    assert found.is_touching[:29, 0].all()
+    assert not found.is_touching[32:, 0].any()
+    assert not found.is_touching[:, 1].any()
+    with pytest.raises(UsageError, match="no body 'hand'; --feet: expected some of near, far"):
+        add_contacts(motion, {"hand": shape}, Rule())
+
+
+def test_shapes_of_feet_are_those_of_collision(tmp_path: Path) -> None:
+    path = tmp_path / "feet.urdf"
+    path.write_text(
+        '<robot name="feet"><link name="foot"><collision><origin xyz="0 0 -0.1"/><geometry>'
+        '<box size="0.2 0.1 0.02"/></geometry></collision></link></robot>'
+    )
+    urdf, _ = read_robot(path)
+    shape = read_foot_shapes(urdf, ["foot"], None)["foot"]
+    assert shape.points.min(axis=0) == pytest.approx([-0.1, -0.05, -0.11])
+    assert shape.radius == 0
+    with pytest.raises(UsageError, match="--foot-radius"):
+        read_foot_shapes(urdf, ["hand"], None)
+
+
+def test_distances_have_the_sign_of_the_side() -> None:
+    square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
+    points = np.array([[0.3, 0.3, 0.1], [0.7, 0.2, -0.05], [0.5, 0.5, -0.02], [1.2, 0.5, -0.1],
+                       [0.5, 0.5, 3.0]])  # fmt: skip
+    distance = measure_distances(points, build_polygon_mesh([square]))
+    assert distance == pytest.approx([0.1, -0.05, -0.02, np.hypot(0.2, 0.1), FAR])
+
+
+WRONG: dict[str, tuple[dict[str, object], str]] = {
+    "key": ({"body_quat_w": None}, "no body_quat_w; expected the keys fps, joint_pos"),
+    "shape": ({"joint_vel": np.zeros((3, 2))}, r"joint_vel: shape \(3, 2\), expected \(T, J\)"),
+    "numbers": ({"body_pos_w": np.array(["a"])}, r"body_pos_w: expected numbers"),
+    "NaN": ({"joint_pos": np.full((5, 2), np.nan)}, "joint_pos: NaN or infinite"),
+    "norm": ({"body_quat_w": np.ones((5, 1, 4))}, "body_quat_w: norm 2, expected unit"),
+    "rate": ({"fps": np.array([0])}, "fps: expected one rate > 0 Hz"),
+    "names": ({"joint_names": np.array(["a"])}, "joint_names: 1 names, expected 2"),
+    "contacts": ({"contact": np.ones((5, 1), bool)}, "contact_body: missing"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_damaged_files_are_told(tmp_path: Path, name: str) -> None:
+    arrays: dict[str, object] = {
+        "fps": np.array([50]),
+        "joint_pos": np.zeros((5, 2)),
+        "joint_vel": np.zeros((5, 2)),
+        "body_pos_w": np.zeros((5, 1, 3)),
+        "body_quat_w": np.broadcast_to([1.0, 0, 0, 0], (5, 1, 4)),
+        "body_lin_vel_w": np.zeros((5, 1, 3)),
+        "body_ang_vel_w": np.zeros((5, 1, 3)),
+    }
+    changes, words = WRONG[name]
+    arrays |= changes
+    kept = {key: np.asarray(value) for key, value in arrays.items() if value is not None}
+    np.savez(tmp_path / "motion.npz", allow_pickle=False, **kept)
+    with pytest.raises(UsageError, match=words):
+        read_motion_file(tmp_path / "motion.npz")
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"text"])
+def test_files_that_are_no_archives(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "motion.npz"
+    path.write_bytes(content)
+    with pytest.raises(UsageError, match=r"not an NPZ file of a motion"):
+        read_motion_file(path)
+
+
+def test_commands(
+    climb: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Export, measure, measure with a limit that fails, and mistakes."""
+    target = tmp_path / "climb.npz"
+    export = ["export", str(climb), "--format", "motion", "--rate", "30", "-o", str(target)]
+
+    def call(*arguments: str) -> tuple[int, str, str]:
+        code = int(run(list(arguments)))
+        return code, *capsys.readouterr()
+
+    assert call(*export)[:2] == (0, f"{target}\n")
+    with np.load(target) as arrays:
+        assert bool(arrays["verified"])
+    code, _, err = call(*export)
+    assert code == 2
+    assert "--force replaces it" in err
+    assert call(*export, "--gains", "80")[0] == 2
+    code, out, _ = call("measure", str(target), str(target))
+    assert code == 0
+    assert out.count("contact.slip") == 2
+    code, out, _ = call("measure", str(target), "--limit", "contact.slip=1e-12", "--json")
+    answer = json.loads(out)
+    assert code == answer["exit_code"] == 5
+    assert not answer["passed"]
+    assert [c["name"] for c in answer["motions"][0]["checks"] if not c["passed"]] == [
+        "contact.slip"
+    ]
+    assert call("measure", str(tmp_path / "none.npz"))[0] == 2
+    assert call("measure", str(target), "--limit", "contact.slip")[0] == 2

@@ -29,7 +29,8 @@ class MeasureOptions:
         typer.Option(
             "--robot",
             metavar="URDF",
-            help="URDF or MJCF of the robot, for limits, names and shapes of feet that files lack.",
+            help="URDF or MJCF of the robot, for kinematics, dynamics, and for limits, names and "
+            "shapes of feet that files lack.",
         ),
     ] = None
     terrain: Annotated[
@@ -158,13 +159,11 @@ def _build_completion(options: MeasureOptions) -> Completion:
     from climbplan.motions.contact_rule import Rule
     from climbplan.motions.motion_file import read_terrain_mesh
 
-    urdf, robot = (None, None) if options.robot is None else read_robot(options.robot)
     feet = tuple(name.strip() for name in (options.feet or "").split(",") if name.strip())
     if options.feet is not None and not feet:
         raise UsageError("--feet: expected names of bodies, separated by commas")
     return Completion(
-        urdf=urdf,
-        robot=robot,
+        robot=None if options.robot is None else read_robot(options.robot),
         terrain=None if options.terrain is None else read_terrain_mesh(options.terrain),
         ground_height=options.ground,
         feet=feet,

@@ -10,9 +10,9 @@ import numpy as np
 
 from climbplan.errors import UsageError
 from climbplan.motions.contact_rule import Rule, add_contacts, build_level_ground, read_foot_shapes
-from climbplan.motions.link_tree import JointBounds, LinkTree, build_link_tree
+from climbplan.motions.link_tree import JointBounds, LinkTree, RobotFile, build_link_tree
 from climbplan.motions.tracked_motion import TerrainMesh, TrackedMotion, number_names
-from climbplan.schema.robots.urdf.tree import UrdfTree, read_urdf
+from climbplan.schema.robots.urdf.tree import read_urdf
 from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
 
 
@@ -20,8 +20,7 @@ from climbplan.schema.robots.xml import UrdfFault, UrdfFaults
 class Completion:
     """What stands in for data that files lack."""
 
-    urdf: UrdfTree | None = None
-    robot: LinkTree | None = None  # of the URDF
+    robot: RobotFile | None = None
     terrain: TerrainMesh | None = None  # None: level ground, where feet are named
     ground_height: float = 0.0  # [m]
     feet: tuple[str, ...] = ()  # bodies that may touch
@@ -29,13 +28,13 @@ class Completion:
     rule: Rule = field(default_factory=Rule)
 
 
-def read_robot(path: Path) -> tuple[UrdfTree, LinkTree]:
+def read_robot(path: Path) -> RobotFile:
     """Read a URDF or MJCF file; raises UsageError with all that is wrong in it."""
     try:
         urdf = read_urdf(path)
     except (UrdfFault, UrdfFaults) as error:
         raise UsageError(f"--robot {path}: {error}") from error
-    return urdf, build_link_tree(urdf)
+    return RobotFile(urdf, build_link_tree(urdf))
 
 
 def complete_motion(motion: TrackedMotion, stand_in: Completion) -> tuple[TrackedMotion, list[str]]:
@@ -49,7 +48,7 @@ def complete_motion(motion: TrackedMotion, stand_in: Completion) -> tuple[Tracke
     """
     notes: list[str] = []
     if stand_in.robot is not None:
-        motion, notes = _complete_by_robot(motion, stand_in.robot)
+        motion, notes = _complete_by_robot(motion, stand_in.robot.links)
     if stand_in.terrain is not None:
         motion = replace(motion, terrain=stand_in.terrain)
     if motion.contacts is not None or not stand_in.feet:
@@ -58,7 +57,8 @@ def complete_motion(motion: TrackedMotion, stand_in: Completion) -> tuple[Tracke
         ground = build_level_ground(motion, stand_in.ground_height)
         motion = replace(motion, terrain=ground)
         notes.append(f"terrain: level ground at z = {stand_in.ground_height:g} m")
-    shapes = read_foot_shapes(stand_in.urdf, list(stand_in.feet), stand_in.foot_radius)
+    urdf = None if stand_in.robot is None else stand_in.robot.urdf
+    shapes = read_foot_shapes(urdf, list(stand_in.feet), stand_in.foot_radius)
     rule = stand_in.rule
     notes.append(
         f"contacts by rule: a point of a foot within {1e3 * rule.distance:g} mm of the terrain and "

@@ -92,6 +92,14 @@ class LinkTree:
 
 
 @dataclass(frozen=True)
+class RobotFile:
+    """A robot's URDF, and its links."""
+
+    urdf: UrdfTree
+    links: LinkTree
+
+
+@dataclass(frozen=True)
 class JointFill:
     """How all joints of a URDF follow from those that a plan moves."""
 

@@ -7,7 +7,7 @@ data for is not judged.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,12 +16,14 @@ from scipy.spatial.transform import Rotation
 from climbplan.arrays import Array, BoolArray, spans_of
 from climbplan.errors import UsageError
 from climbplan.motions.contact_rule import compute_contact_points
-from climbplan.motions.link_tree import LinkTree
+from climbplan.motions.inverse_dynamics import compute_dynamics
+from climbplan.motions.link_tree import LinkTree, RobotFile
 from climbplan.motions.terrain_distance import FAR, measure_distances
 from climbplan.motions.tracked_motion import ContactSamples, TrackedMotion
 from climbplan.verification.check import Check
 
 NEAR = 0.02  # [m] from the terrain, within which a point of a foot in contact is in contact
+MIN_SAMPLES = 3  # of a motion, for central differences
 _MIN_FORCE = 1e-3  # of the largest contact force, below which friction has no direction
 
 
@@ -57,23 +59,32 @@ MEASURES = {
     "kinematics.bodies": Measure(
         2e-3, "m", "largest distance of bodies from the robot's links at the joint positions"
     ),
+    "dynamics.torque": Measure(
+        1e-3, "of limit", "largest excess of torques by inverse dynamics over their limits"
+    ),
+    "dynamics.stored_torque": Measure(
+        np.inf, "of limit", "largest difference of stored torques from those of inverse dynamics"
+    ),
+    "dynamics.balance": Measure(
+        np.inf, "of weight", "largest force that neither contacts nor the links' motion account for"
+    ),
     "power.peak": Measure(np.inf, "W", "largest sum over joints of |torque x speed|"),
     "power.mean": Measure(np.inf, "W", "mean of the same"),
 }
 
 
 def measure_motion(
-    motion: TrackedMotion, limits: Mapping[str, float], robot: LinkTree | None = None
+    motion: TrackedMotion, limits: Mapping[str, float], robot: RobotFile | None = None
 ) -> tuple[Check, ...]:
     """Return all measures of a motion.
 
     Args:
         motion: The motion; contacts and terrain that its file lacks are filled in before.
         limits: Limits by the names of measures, in place of those of `MEASURES`.
-        robot: The links of the robot, for `kinematics.bodies`; None leaves it unjudged.
+        robot: The robot's file, for kinematics and dynamics; None leaves these unjudged.
 
     Raises:
-        UsageError: A limit has no such measure.
+        UsageError: A limit has no such measure, or the links of the robot weigh nothing.
     """
     unknown = [name for name in limits if name not in MEASURES]
     if unknown:
@@ -84,6 +95,7 @@ def measure_motion(
         *_measure_joints(motion, judge),
         *_measure_velocities(motion, judge),
         _measure_kinematics(motion, judge, robot),
+        *_measure_dynamics(motion, judge, robot),
         *_measure_power(motion, judge),
     )
 
@@ -125,14 +137,19 @@ class _Judge:
             judged=is_judged,
         )
 
-    def judge_worst(self, name: str, values: Array, describe: Callable[[int, int], str]) -> Check:
-        """Return a measure of its largest value (T, ...) at a sample; none for no values."""
+    def judge_worst(
+        self, name: str, values: Array, describe: Callable[[int, int], str], offset: int = 0
+    ) -> Check:
+        """Return a measure of its largest value (T, ...) at a sample; zero for no values.
+
+        offset: Sample of the motion at which the values begin.
+        """
         if not values.size:
             return self.judge_value(name, 0.0)
         flat = values.reshape(len(values), -1)
         sample, column = (int(i) for i in np.unravel_index(int(flat.argmax()), flat.shape))
         value = float(max(flat[sample, column], 0.0))
-        place = f"t = {self.motion.time[sample]:.2f} s, {describe(sample, column)}"
+        place = f"t = {self.motion.time[sample + offset]:.2f} s, {describe(sample, column)}"
         return self.judge_value(name, value, place if value > 0 else "")
 
 
@@ -238,9 +255,9 @@ def _measure_velocities(motion: TrackedMotion, judge: _Judge) -> Iterator[Check]
 
     A quaternion of another order, or velocities in the frames of the links, show here.
     """
-    if len(motion.time) < 3:
+    if len(motion.time) < MIN_SAMPLES:
         yield from (
-            judge.skip(name, "fewer than 3 samples")
+            judge.skip(name, f"fewer than {MIN_SAMPLES} samples")
             for name in ("velocity.joints", "velocity.bodies")
         )
         return
@@ -267,16 +284,22 @@ def _compare_velocities(stored: Array, differences: Array) -> float:
     return float(np.sqrt(((stored - differences) ** 2).mean())) / size if size > 1e-9 else 0.0
 
 
-def _measure_kinematics(motion: TrackedMotion, judge: _Judge, robot: LinkTree | None) -> Check:
+def _find_missing_names(motion: TrackedMotion, robot: LinkTree, links: Sequence[str]) -> str:
+    """Return the first joint, or the first of some links, that a motion lacks; "" for none."""
+    joints = [f"joint {name}" for name in robot.joint_names if name not in motion.joint_names]
+    bodies = [f"body {name}" for name in links if name not in motion.body_names]
+    return next(iter(joints + bodies), "")
+
+
+def _measure_kinematics(motion: TrackedMotion, judge: _Judge, file: RobotFile | None) -> Check:
     """Return how far bodies are from the robot's links at the joint positions."""
     name = "kinematics.bodies"
-    if robot is None:
+    if file is None:
         return judge.skip(name, "--robot names a URDF")
+    robot = file.links
     root = robot.link_names[0]
-    missing = [joint for joint in robot.joint_names if joint not in motion.joint_names]
-    if missing or root not in motion.body_names:
-        lacks = f"joint {missing[0]}" if missing else f"body {root}"
-        return judge.skip(name, f"the file has no {lacks} of the robot")
+    if missing := _find_missing_names(motion, robot, [root]):
+        return judge.skip(name, f"the file has no {missing} of the robot")
     columns = [motion.joint_names.index(joint) for joint in robot.joint_names]
     body = motion.body_names.index(root)
     poses = robot.compute_poses(
@@ -289,6 +312,49 @@ def _measure_kinematics(motion: TrackedMotion, judge: _Judge, robot: LinkTree | 
     links = [robot.link_names.index(link) for link in shared]
     distance = np.linalg.norm(motion.body_position[:, places] - poses.position[:, links], axis=-1)
     return judge.judge_worst(name, distance, lambda _, column: shared[column])
+
+
+def _measure_dynamics(
+    motion: TrackedMotion, judge: _Judge, file: RobotFile | None
+) -> Iterator[Check]:
+    """Yield torques by inverse dynamics, their difference from stored ones, and the balance."""
+    names = ("dynamics.torque", "dynamics.stored_torque", "dynamics.balance")
+    reason = _find_dynamics_obstacle(motion, file)
+    if reason or file is None:
+        yield from (judge.skip(name, reason) for name in names)
+        return
+    dynamics = compute_dynamics(motion, file.urdf, file.links)
+    columns = [motion.joint_names.index(name) for name in file.links.joint_names]
+    limit = np.full(len(columns), np.inf)
+    if motion.bounds is not None:
+        limit = motion.bounds.torque[columns]
+
+    def describe(_: int, column: int) -> str:
+        return file.links.joint_names[column]
+
+    yield judge.judge_worst(names[0], np.abs(dynamics.torque) / limit - 1, describe, offset=1)
+    if motion.joint_torque is None:
+        yield judge.skip(names[1], "no joint_torque in the file")
+    else:
+        stored = motion.joint_torque[1:-1, columns]
+        difference = np.nan_to_num(np.abs(stored - dynamics.torque)) / limit
+        yield judge.judge_worst(names[1], difference, describe, offset=1)
+    unbalanced = np.linalg.norm(dynamics.unbalanced_force, axis=1) / dynamics.weight
+    yield judge.judge_worst(names[2], unbalanced, lambda *_: "sum of all forces", offset=1)
+
+
+def _find_dynamics_obstacle(motion: TrackedMotion, file: RobotFile | None) -> str:
+    """Return why a motion has no inverse dynamics; "" if it has."""
+    if file is None:
+        return "--robot names a URDF"
+    if motion.contacts is None or motion.contacts.force is None:
+        return "no contact_force in the file"
+    if motion.contacts.is_gripping or motion.contacts.offset.shape[1] > 1:
+        return "soles and grippers carry moments, which the file lacks"
+    if len(motion.time) < MIN_SAMPLES:
+        return f"fewer than {MIN_SAMPLES} samples"
+    missing = _find_missing_names(motion, file.links, file.links.link_names)
+    return f"the file has no {missing} of the robot" if missing else ""
 
 
 def _measure_power(motion: TrackedMotion, judge: _Judge) -> Iterator[Check]:

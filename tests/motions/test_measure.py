@@ -16,10 +16,16 @@ from climbplan.climb.exports.tracked_motion import read_tracked_motion
 from climbplan.errors import UsageError
 from climbplan.motions.completion import Completion, complete_motion, read_robot
 from climbplan.motions.contact_rule import FootShape, Rule, add_contacts, read_foot_shapes
+from climbplan.motions.inverse_dynamics import compute_dynamics
 from climbplan.motions.measure import MEASURES, measure_motion
 from climbplan.motions.motion_file import KEYS, read_motion_file, write_motion_file
 from climbplan.motions.terrain_distance import FAR, measure_distances
-from climbplan.motions.tracked_motion import TrackedMotion, build_polygon_mesh
+from climbplan.motions.tracked_motion import (
+    ContactSamples,
+    TrackedMotion,
+    build_polygon_mesh,
+    compute_quaternions,
+)
 
 SPECS = Path(__file__).parents[2] / "specs"
 
@@ -155,10 +161,10 @@ def test_a_foreign_file_is_completed(urdf_climb: Path, tmp_path: Path) -> None:
     }
     assert own.contacts is not None
     feet = tuple(own.body_names[body] for body in own.contacts.body)
-    urdf, robot = read_robot(SPECS / "walker.urdf")
+    robot = read_robot(SPECS / "walker.urdf")
     completed, notes = complete_motion(
         foreign,
-        Completion(urdf=urdf, robot=robot, terrain=own.terrain, feet=feet, foot_radius=0.0),
+        Completion(robot=robot, terrain=own.terrain, feet=feet, foot_radius=0.0),
     )
     assert any(note.startswith("contacts by rule") for note in notes)
     assert completed.contacts is not None
@@ -169,6 +175,81 @@ def test_a_foreign_file_is_completed(urdf_climb: Path, tmp_path: Path) -> None:
     assert checks["kinematics.bodies"].residual < 1e-5
     assert not checks["joint.torque"].judged
     assert checks["contact.penetration"].residual < 1e-6
+
+
+PENDULUM = """<robot name="pendulum">
+<link name="base"><inertial><mass value="2"/><inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0"
+ izz="1"/></inertial></link>
+<link name="rod"><inertial><origin xyz="0.3 0 0" rpy="0 0 1.5707963267948966"/><mass value="1.5"/>
+<inertia ixx="0.04" ixy="0" ixz="0" iyy="0.01" iyz="0" izz="0.05"/></inertial></link>
+<joint name="swing" type="revolute"><parent link="base"/><child link="rod"/>
+<origin xyz="0 0 1"/><axis xyz="0 1 0"/>
+<limit lower="-3" upper="3" effort="10" velocity="9"/></joint>
+</robot>"""
+
+
+def test_torques_of_a_pendulum_are_those_of_its_equation(tmp_path: Path) -> None:
+    """tau = (I + m l^2) q'' - m g l cos q about y, with the rod along x at q = 0."""
+    path = tmp_path / "pendulum.urdf"
+    path.write_text(PENDULUM, encoding="utf-8")
+    robot = read_robot(path)
+    rate = 2000.0
+    time = np.arange(2000) / rate
+    angle, speed = 0.5 * np.sin(6 * time), 3.0 * np.cos(6 * time)
+    poses = robot.links.compute_poses(
+        np.zeros((2000, 3)), np.broadcast_to(np.eye(3), (2000, 3, 3)), angle[:, None]
+    )
+    zeros = np.zeros((2000, 2, 3))
+    spin = zeros.copy()
+    spin[:, 1, 1] = speed
+    motion = TrackedMotion(
+        name="pendulum",
+        fps=rate,
+        joint_names=robot.links.joint_names,
+        body_names=robot.links.link_names,
+        joint_position=angle[:, None],
+        joint_velocity=speed[:, None],
+        body_position=poses.position,
+        body_quaternion=compute_quaternions(poses.rotation),
+        body_velocity=zeros,
+        body_angular_velocity=spin,
+        bounds=robot.links.bounds,
+        contacts=ContactSamples(
+            names=("pivot",),
+            body=np.array([0]),
+            offset=np.zeros((1, 1, 3)),
+            radius=np.zeros(1),
+            is_touching=np.ones((2000, 1), bool),
+            surface=np.zeros((2000, 1), int),
+            force=np.broadcast_to([0.0, 0.0, 3.5 * 9.81], (2000, 1, 3)),
+            position=np.zeros((2000, 1, 3)),
+            normal=np.broadcast_to([0.0, 0.0, 1.0], (2000, 1, 3)),
+        ),
+    )
+    dynamics = compute_dynamics(motion, robot.urdf, robot.links)
+    acceleration = -18.0 * np.sin(6 * time)
+    expected = (0.04 + 1.5 * 0.09) * acceleration - 1.5 * 9.81 * 0.3 * np.cos(angle)
+    assert dynamics.torque[:, 0] == pytest.approx(expected[1:-1], abs=1e-4)
+    assert dynamics.weight == pytest.approx(3.5 * 9.81)
+    along = -0.3 * (np.cos(angle) * speed**2 + np.sin(angle) * acceleration)
+    assert dynamics.unbalanced_force[:, 0] == pytest.approx(1.5 * along[1:-1], abs=1e-3)
+
+
+def test_stored_torques_of_a_climb_are_those_of_inverse_dynamics(urdf_climb: Path) -> None:
+    """The planner computes them from forces and stiffness, the measure from the links' motion."""
+    motion = read_tracked_motion(urdf_climb, 50.0)
+    robot = read_robot(SPECS / "walker.urdf")
+    checks = {c.name: c for c in measure_motion(motion, {}, robot)}
+    assert not checks["dynamics.stored_torque"].judged
+    assert checks["dynamics.stored_torque"].residual < 2e-2
+    assert checks["dynamics.balance"].residual < 0.1
+    assert checks["dynamics.torque"].judged
+    assert motion.bounds is not None
+    weak = replace(motion.bounds, torque=0.05 * motion.bounds.torque)
+    failures = {
+        c.name for c in measure_motion(replace(motion, bounds=weak), {}, robot) if not c.passed
+    }
+    assert failures == {"joint.torque", "dynamics.torque"}
 
 
 def test_contacts_need_nearness_and_rest() -> None:
@@ -207,7 +288,7 @@ def test_shapes_of_feet_are_those_of_collision(tmp_path: Path) -> None:
         '<robot name="feet"><link name="foot"><collision><origin xyz="0 0 -0.1"/><geometry>'
         '<box size="0.2 0.1 0.02"/></geometry></collision></link></robot>'
     )
-    urdf, _ = read_robot(path)
+    urdf = read_robot(path).urdf
     shape = read_foot_shapes(urdf, ["foot"], None)["foot"]
     assert shape.points.min(axis=0) == pytest.approx([-0.1, -0.05, -0.11])
     assert shape.radius == 0

@@ -3,6 +3,7 @@
 python docs/make_gallery.py             all of them, some twenty minutes
 python docs/make_gallery.py mpc_turn    some
 python docs/make_gallery.py --from outputs mpc_turn    of plans that are there already
+python docs/make_gallery.py --courses   films of stairs and rubble of the benchmark `courses`
 
 Thumbnails and films need MuJoCo and EGL or OSMesa, as `climbplan report --film` does.
 """
@@ -19,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-sys.path.insert(0, str(Path(__file__).parent / "_ext"))
-from gallery_page import FILMS, MAIN_FILM, Scene, scenes
+sys.path[:0] = [str(Path(__file__).parent / "_ext"), str(Path(__file__).parents[1])]
+from gallery_page import COURSES, FILMS, MAIN_FILM, Scene, scenes
 from motion_pictures import draw_plan, write_card_picture, write_film
 
 import climbplan
+from benchmarks.climb.courses import propose_walkers, write_spec
 
 ROOT = Path(__file__).parents[1]
 PICTURES = ROOT / "docs" / "gallery"
@@ -52,10 +54,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*", help="scenes; all if left out")
     parser.add_argument("--from", dest="plans", type=Path, help="folder of plans by scene")
+    parser.add_argument("--courses", action="store_true", help="films of `COURSES` alone")
     parser.add_argument("--no-figures", action="store_true", help="thumbnails and films alone")
     given = parser.parse_args()
     for folder in ("thumbnails", "films"):
         (PICTURES / folder).mkdir(exist_ok=True)
+    if given.courses:
+        film_courses()
+        return
     for scene in scenes(ROOT / "specs"):
         if not given.names or scene.name in given.names:
             for path in make(scene, given.plans, not given.no_figures):
@@ -85,6 +91,16 @@ def make(scene: Scene, plans: Path | None, with_figure: bool) -> list[Path]:
         if scene.name in FILMS:
             made += film(scene.name, path)
     return made
+
+
+def film_courses() -> None:
+    """Plan the courses of `COURSES` and make their films."""
+    with tempfile.TemporaryDirectory() as scratch:
+        walkers = {walker.name: walker for walker in propose_walkers(Path(scratch))}
+        for name, (robot, kind, seed) in COURSES.items():
+            plan = climbplan.plan(write_spec(walkers[robot], kind, seed, Path(scratch)))
+            for path in film(name, plan.save(Path(scratch) / f"{name}.h5")):
+                print(f"{path.relative_to(ROOT)} {path.stat().st_size / 1000:.0f} kB", flush=True)
 
 
 def film(name: str, plan: Path) -> tuple[Path, Path]:

@@ -81,13 +81,15 @@ def test_pages_fit_a_phone(site: Path, browser: Browser) -> None:
 
 def test_pictures_are_small_and_as_many_as_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(DOCS / "_ext")
-    from gallery_page import FILMS, scenes
+    from gallery_page import COURSES, FILMS, scenes
     from robot_page import SHIPPED, read_public_robots
 
     names = {scene.name for scene in scenes(ROOT / "specs")}
     assert {path.stem for path in (DOCS / "gallery" / "thumbnails").iterdir()} <= names
     films = {path.name: path.stat().st_size for path in (DOCS / "gallery" / "films").iterdir()}
-    assert set(films) == {f"{name}_{kind}.webp" for name in FILMS for kind in ("film", "still")}
+    assert set(films) == {
+        f"{name}_{kind}.webp" for name in (*FILMS, *COURSES) for kind in ("film", "still")
+    }
     assert max(films.values()) <= MAX_FILM_BYTES
     robots = [*SHIPPED, *read_public_robots(DOCS / "benchmarks" / "zoo.json")]
     assert {path.stem for path in (DOCS / "robots").iterdir()} == {one.name for one in robots}

@@ -17,7 +17,7 @@ from typing import Any, TextIO
 
 import numpy as np
 
-from benchmarks.climb.course_meshes import COURSES, Course, write_course
+from benchmarks.climb.course_meshes import COURSES, write_course
 from benchmarks.climb.stands import fares
 from benchmarks.zoo.robot_files import keep_robot
 from benchmarks.zoo.robots import ROBOTS
@@ -71,7 +71,7 @@ class CourseRow:
 
 
 @dataclass(frozen=True)
-class _Walker:
+class Walker:
     """A robot as specs state it."""
 
     name: str
@@ -100,7 +100,7 @@ def bench_courses(
     rows: list[CourseRow] = []
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        for walker in _propose_walkers(folder):
+        for walker in propose_walkers(folder):
             for kind in kinds:
                 number = 1 if quick else (count or _COUNTS[kind])
                 seeds = range(seed, seed + number)
@@ -122,8 +122,12 @@ def _print_summary(robot: str, kind: str, rows: list[CourseRow], out: TextIO) ->
     print(f"{line}{statistics.median(cpu):>14.1f}{max(cpu):>7.1f}", file=out, flush=True)
 
 
-def _propose_walkers(folder: Path) -> list[_Walker]:
-    """Return the quadrupeds as proposed from their URDFs, and the hexapod."""
+def propose_walkers(folder: Path) -> list[Walker]:
+    """Return the quadrupeds as proposed from their URDFs, and the hexapod.
+
+    Args:
+        folder: Where the quadrupeds' robot files are written.
+    """
     walkers = []
     for public in (robot for robot in ROBOTS if robot.name in _QUADRUPEDS):
         with ExitStack() as stack:
@@ -137,14 +141,12 @@ def _propose_walkers(folder: Path) -> list[_Walker]:
             range(len(toes)), key=lambda i: (toes[i, 0] > 0, toes[i, 1] > (rear + front) / 2)
         )
         gait = f"gait: [{', '.join(robot.limb_names[i] for i in names)}]"
-        walkers.append(_Walker(public.name, path.name, height, shift, gait))
-    return [*walkers, _Walker(_HEXAPOD, _HEXAPOD, 0.24, 0.1, f"stance: {_HEXAPOD_STANCE}", -0.25)]
+        walkers.append(Walker(public.name, path.name, height, shift, gait))
+    return [*walkers, Walker(_HEXAPOD, _HEXAPOD, 0.24, 0.1, f"stance: {_HEXAPOD_STANCE}", -0.25)]
 
 
-def _plan_course(walker: _Walker, kind: str, seed: int, folder: Path) -> CourseRow:
-    mesh, course = write_course(kind, seed, folder)
-    spec = folder / f"{walker.name.replace(' ', '_')}_{kind}{seed}.yaml"
-    spec.write_text(_format_spec(walker, mesh, course), encoding="utf-8")
+def _plan_course(walker: Walker, kind: str, seed: int, folder: Path) -> CourseRow:
+    spec = write_spec(walker, kind, seed, folder)
     begin = time.process_time()
     try:
         plan = plan_climb(load_climb(spec))
@@ -160,9 +162,11 @@ def _plan_course(walker: _Walker, kind: str, seed: int, folder: Path) -> CourseR
     )
 
 
-def _format_spec(walker: _Walker, mesh: Path, course: Course) -> str:
+def write_spec(walker: Walker, kind: str, seed: int, folder: Path) -> Path:
+    """Write mesh and spec of a course for a robot into a folder; return the spec's path."""
+    mesh, course = write_course(kind, seed, folder)
     step = _STEP_FRACTION * walker.height
-    return _SPEC.format(
+    text = _SPEC.format(
         robot=walker.file,
         mesh=mesh.name,
         start=walker.start,
@@ -175,3 +179,6 @@ def _format_spec(walker: _Walker, mesh: Path, course: Course) -> str:
         shift=walker.shift,
         limit=_LIMIT,
     )
+    path = folder / f"{walker.name.replace(' ', '_')}_{kind}{seed}.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path

@@ -65,6 +65,8 @@ FAMILIES = {
 }
 MAIN_FILM = "climb_obstacle"  # of the landing page
 FILMS = (MAIN_FILM, *(family.film for family in FAMILIES.values() if family.film))
+# Films of the landing page beside it, of courses in the benchmark: robot, kind and seed
+COURSES = {"stairs": ("ANYmal C", "stairs", 0), "rubble": ("silvia", "rubble", 0)}
 _CITATION = re.compile(r" ?\([^()]*(?:X\. Lin|chapter)[^()]*\)|, eqs\. \([\d.]+\) to \([\d.]+\)")
 _SENTENCE_END = re.compile(r"(?<![A-Z])\. (?=[A-Z])")
 

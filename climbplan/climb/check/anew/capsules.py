@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -33,7 +34,7 @@ class Capsule:
     radius: float  # [m]
     to_toe: float  # [m] from the end to the toe, infinite but on the last link
 
-    @property
+    @cached_property
     def axis(self) -> Array:
         """Return both ends of the axis (P, 2, 3) [m]."""
         return np.stack([self.starts, self.ends], axis=1)

@@ -28,7 +28,7 @@ from climbplan.motions.tracked_motion import (
     TrackedMotion,
     number_names,
 )
-from climbplan.reading import DAMAGE, reading
+from climbplan.reading import DAMAGE, read_text, reading
 from climbplan.store.atomic_file import replace_atomically
 
 FORMAT, VERSION = "climbplan/tracked-motion", 1
@@ -40,7 +40,10 @@ KEYS = {  # of the published loaders: field of the motion, and axes; J joints, B
     "body_lin_vel_w": ("body_velocity", "TB3"),
     "body_ang_vel_w": ("body_angular_velocity", "TB3"),
 }
+COMPANION = "meta.json"  # beside files of some tools
+_MAX_COMPANION = 1_000_000  # [bytes]
 _EXPECTED = "an NPZ file of a motion"
+_FREE_POSITIONS = 7  # position and quaternion of a free joint
 _NORM_TOLERANCE = 1e-2  # of quaternions
 
 
@@ -130,6 +133,7 @@ def read_motion_file(path: Path) -> TrackedMotion:
             raise UsageError(f"{path}: one array, expected {_EXPECTED}")
         with stored:
             arrays = {name: stored[name] for name in stored.files}
+    arrays = {**_read_companion(path), **arrays}
     links = _read_published_arrays(path, arrays)
     joints, bodies = links.joint_position.shape[1], links.body_position.shape[1]
     reader = _ExtraArrays(path, arrays, len(links.joint_position))
@@ -150,6 +154,26 @@ def read_motion_file(path: Path) -> TrackedMotion:
     )
 
 
+def _read_companion(path: Path) -> dict[str, NDArray[Any]]:
+    """Return rate and names from the `meta.json` beside a file, in which some tools have them."""
+    companion = path.with_name(COMPANION)
+    if not companion.is_file():
+        return {}
+    expected = "a JSON object with fps, joint_names and body_names"
+    text = read_text(companion, _MAX_COMPANION, expected)
+    with reading(companion, expected):
+        values = json.loads(text)
+    if not isinstance(values, dict):
+        raise UsageError(f"{companion}: expected {expected}")
+    kinds = {"fps": "fiu", "joint_names": "U", "body_names": "U"}
+    out = {key: np.array(values[key]) for key in kinds if key in values}
+    for key, array in out.items():
+        if array.dtype.kind not in kinds[key]:
+            what = "a rate [Hz]" if key == "fps" else "a list of names"
+            raise UsageError(f"{companion}: {key}: expected {what}")
+    return out
+
+
 def _read_rate(path: Path, arrays: Mapping[str, NDArray[Any]]) -> float:
     """Return the sample rate [Hz], which files have as a number or as an array of one."""
     values = arrays.get("fps", np.zeros(0))
@@ -167,6 +191,7 @@ def _read_published_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> Li
             f"{path}: no {', '.join(missing)}; expected the keys fps, {', '.join(KEYS)}, "
             f"got {present}"
         )
+    arrays = _drop_free_joint(arrays)
     lengths: dict[str, int] = {"3": 3, "4": 4}
     out = {}
     for key, (name, axes) in KEYS.items():
@@ -191,6 +216,26 @@ def _read_published_arrays(path: Path, arrays: Mapping[str, NDArray[Any]]) -> Li
             "expected unit quaternions w, x, y, z"
         )
     return LinkArrays(**out)
+
+
+def _drop_free_joint(arrays: Mapping[str, NDArray[Any]]) -> Mapping[str, NDArray[Any]]:
+    """Return arrays without the root's free joint, where joints begin with it.
+
+    Some tools store all coordinates of MuJoCo: 7 of position and 6 of velocity come first.
+    """
+    position, velocity = arrays["joint_pos"], arrays["joint_vel"]
+    has_free_joint = (
+        position.ndim == velocity.ndim == 2
+        and position.shape[1] == velocity.shape[1] + 1
+        and position.shape[1] >= _FREE_POSITIONS
+    )
+    if not has_free_joint:
+        return arrays
+    return {
+        **arrays,
+        "joint_pos": position[:, _FREE_POSITIONS:],
+        "joint_vel": velocity[:, _FREE_POSITIONS - 1 :],
+    }
 
 
 class _ExtraArrays:

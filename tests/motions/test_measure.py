@@ -304,6 +304,37 @@ def test_distances_have_the_sign_of_the_side() -> None:
     assert distance == pytest.approx([0.1, -0.05, -0.02, np.hypot(0.2, 0.1), FAR])
 
 
+def test_a_free_joint_before_the_others_is_left_out(motion: TrackedMotion, tmp_path: Path) -> None:
+    """Files with all coordinates of MuJoCo: 7 + J positions, 6 + J velocities."""
+    write_motion_file(motion, tmp_path / "own.npz")
+    with np.load(tmp_path / "own.npz") as stored:
+        arrays = {key: stored[key] for key in ("fps", "joint_names", *KEYS)}
+    samples = len(motion.time)
+    arrays["joint_pos"] = np.hstack([np.ones((samples, 7)), arrays["joint_pos"]])
+    arrays["joint_vel"] = np.hstack([np.ones((samples, 6)), arrays["joint_vel"]])
+    np.savez(tmp_path / "free.npz", allow_pickle=False, **arrays)
+    read = read_motion_file(tmp_path / "free.npz")
+    assert read.joint_position == pytest.approx(motion.joint_position, abs=1e-6)
+    assert read.joint_velocity == pytest.approx(motion.joint_velocity, abs=1e-6)
+
+
+def test_names_and_rate_may_stand_in_a_file_beside(motion: TrackedMotion, tmp_path: Path) -> None:
+    write_motion_file(motion, tmp_path / "own.npz")
+    with np.load(tmp_path / "own.npz") as stored:
+        np.savez(tmp_path / "motion.npz", allow_pickle=False, **{key: stored[key] for key in KEYS})
+    with pytest.raises(UsageError, match="fps: expected one rate"):
+        read_motion_file(tmp_path / "motion.npz")
+    names = {"joint_names": motion.joint_names, "body_names": motion.body_names}
+    (tmp_path / "meta.json").write_text(json.dumps({"fps": 30, **names}), encoding="utf-8")
+    read = read_motion_file(tmp_path / "motion.npz")
+    assert read.fps == 30
+    assert read.joint_names == motion.joint_names
+    assert read.body_names == motion.body_names
+    (tmp_path / "meta.json").write_text('{"fps": "fast"}', encoding="utf-8")
+    with pytest.raises(UsageError, match=r"meta.json: fps: expected a rate"):
+        read_motion_file(tmp_path / "motion.npz")
+
+
 WRONG: dict[str, tuple[dict[str, object], str]] = {
     "key": ({"body_quat_w": None}, "no body_quat_w; expected the keys fps, joint_pos"),
     "shape": ({"joint_vel": np.zeros((3, 2))}, r"joint_vel: shape \(3, 2\), expected \(T, J\)"),

@@ -1,9 +1,9 @@
 """Joint torques and unbalanced forces of a motion, by Newton and Euler's equations of its links.
 
-With mass m_i, centre of mass c_i and angular momentum L_i of link i about it, contact forces f_k at
-x_k, and a joint of axis z at p that carries the links S and the contacts K,
+With mass m_i, centre of mass c_i and angular momentum L_i of link i about it, contact forces f_k
+and moments m_k at x_k, and a joint of axis z at p that carries the links S and the contacts K,
 
-    tau = z . ( sum_S ((c_i - p) x m_i (a_i - g) + dL_i/dt) - sum_K (x_k - p) x f_k ),
+    tau = z . ( sum_S ((c_i - p) x m_i (a_i - g) + dL_i/dt) - sum_K ((x_k - p) x f_k + m_k) ),
 
 and the force that nothing accounts for is sum_i m_i (a_i - g) - sum_k f_k. Accelerations are
 central differences of the stored velocities.
@@ -111,6 +111,8 @@ def compute_dynamics(motion: TrackedMotion, urdf: UrdfTree, robot: LinkTree) -> 
     moment = np.cross(centre[1:-1], force) + (momentum[2:] - momentum[:-2]) * rate  # about 0
     contact_force = motion.contacts.force[1:-1]
     contact_moment = np.cross(motion.contacts.position[1:-1], contact_force)
+    if motion.contacts.moment is not None:
+        contact_moment = contact_moment + motion.contacts.moment[1:-1]
     for contact, body in enumerate(motion.contacts.body.tolist()):
         link = robot.find_link(motion.body_names[body])
         force[:, link] -= contact_force[:, contact]

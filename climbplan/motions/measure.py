@@ -349,7 +349,8 @@ def _find_dynamics_obstacle(motion: TrackedMotion, file: RobotFile | None) -> st
         return "--robot names a URDF"
     if motion.contacts is None or motion.contacts.force is None:
         return "no contact_force in the file"
-    if motion.contacts.is_gripping or motion.contacts.offset.shape[1] > 1:
+    has_soles = motion.contacts.offset.shape[1] > 1
+    if motion.contacts.is_gripping or (has_soles and motion.contacts.moment is None):
         return "soles and grippers carry moments, which the file lacks"
     if len(motion.time) < MIN_SAMPLES:
         return f"fewer than {MIN_SAMPLES} samples"

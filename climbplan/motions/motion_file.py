@@ -109,6 +109,8 @@ def _list_contact_arrays(contacts: ContactSamples) -> dict[str, NDArray[Any]]:
         "contact_normal": np.asarray(contacts.normal, np.float32),
         "contact_grips": np.array(contacts.is_gripping),
     }
+    if contacts.moment is not None:
+        arrays["contact_moment"] = np.asarray(contacts.moment, np.float32)
     if contacts.force is not None:
         arrays["contact_force"] = np.asarray(contacts.force, np.float32)
     return arrays
@@ -323,6 +325,7 @@ class _ExtraArrays:
             force=self.read_numbers("contact_force", vectors),
             position=self.require_numbers("contact_position", vectors),
             normal=self.require_numbers("contact_normal", vectors),
+            moment=self.read_numbers("contact_moment", vectors),
             is_gripping=bool(np.any(self.arrays.get("contact_grips", np.array(False)))),
         )
 

@@ -36,6 +36,7 @@ class ContactSamples:
     force: Array | None  # (T, C, 3) [N]; None: unknown
     position: Array  # (T, C, 3) where it touches, or would [m]
     normal: Array  # (T, C, 3) unit, into free space; zero in the air
+    moment: Array | None = None  # (T, C, 3) of soles, about `position` [N m]
     is_gripping: bool = False  # so that normal forces may pull
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import climbplan
 from climbplan.arrays import Array
 from climbplan.cli.app import run
 from climbplan.climb.exports.tracked_motion import read_tracked_motion
@@ -250,6 +251,28 @@ def test_stored_torques_of_a_climb_are_those_of_inverse_dynamics(urdf_climb: Pat
         c.name for c in measure_motion(replace(motion, bounds=weak), {}, robot) if not c.passed
     }
     assert failures == {"joint.torque", "dynamics.torque"}
+
+
+def test_soles_carry_moments(tmp_path: Path) -> None:
+    """With them the torques of a biped are those of inverse dynamics, without them they are not."""
+    pytest.importorskip("pinocchio")
+    climbplan.plan(climbplan.load_spec(SPECS / "climb_biped.yaml")).save(tmp_path / "plan.h5")
+    motion = read_tracked_motion(tmp_path / "plan.h5", 20.0)
+    robot = read_robot(SPECS / "biped.urdf")
+
+    def difference(standing: TrackedMotion) -> float:
+        checks = {c.name: c for c in measure_motion(standing, {}, robot)}
+        return checks["dynamics.stored_torque"].residual
+
+    assert difference(motion) < 2e-2
+    assert motion.contacts is not None
+    assert motion.contacts.moment is not None
+    assert motion.contacts.offset.shape[1] == 4
+    wrong = replace(motion.contacts, moment=np.zeros_like(motion.contacts.moment))
+    assert difference(replace(motion, contacts=wrong)) > 5e-2
+    lacking = replace(motion, contacts=replace(motion.contacts, moment=None))
+    checks = {c.name: c for c in measure_motion(lacking, {}, robot)}
+    assert not checks["dynamics.torque"].judged
 
 
 def test_contacts_need_nearness_and_rest() -> None:

@@ -195,21 +195,34 @@ def _list_surfaces(plan: ClimbPlan) -> list[dict[str, object]]:
 def _build_contacts(plan: ClimbPlan, angle: Array, torque: Array) -> ContactMotion:
     """Return contact points and forces of all limbs."""
     trajectory, robot = plan.trajectory, plan.robot
-    force = trajectory.force
     normal = plan.instants.normal[np.maximum(sample_instants(plan), 0)]
-    if force is None:  # tau = -J^T f, exact but near singular postures
-        jacobian = contact_jacobian(robot, trajectory.rpy, angle, normal)
-        jacobian = held_rows(
-            robot, trajectory.rpy, angle, normal, jacobian
-        )  # and moments, of flat feet
-        inverse = np.linalg.pinv(np.swapaxes(jacobian, -1, -2), rcond=1e-6)
-        force = -(inverse @ torque[..., None])[..., :3, 0]
+    force = trajectory.force
+    if force is None:
+        force = solve_contact_wrench(plan, angle, torque)[..., :3]
     return ContactMotion(
         robot.limb_names,
         contact_points(robot, toe_world(robot, trajectory.com, trajectory.rpy, angle), normal),
         np.where(trajectory.contact[..., None], force, 0.0),
         trajectory.contact,
     )
+
+
+def solve_contact_wrench(plan: ClimbPlan, angle: Array, torque: Array) -> Array:
+    """Return contact forces (T, N, 3), of flat feet forces and moments about toes (T, N, 6).
+
+    They solve tau = -J^T f, which is exact but near singular postures.
+
+    Args:
+        plan: The plan, T samples and N limbs.
+        angle: (T, N, J) [rad].
+        torque: (T, N, J) of motors against contact forces [N m].
+    """
+    robot, rpy = plan.robot, plan.trajectory.rpy
+    normal = plan.instants.normal[np.maximum(sample_instants(plan), 0)]
+    jacobian = contact_jacobian(robot, rpy, angle, normal)
+    rows = held_rows(robot, rpy, angle, normal, jacobian)
+    inverse = np.linalg.pinv(np.swapaxes(rows, -1, -2), rcond=1e-6)
+    return np.asarray(-(inverse @ torque[..., None])[..., 0])
 
 
 def _build_limb_shapes(plan: ClimbPlan, angle: Array) -> tuple[LimbLinks, ...]:

@@ -19,7 +19,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.spatial import ConvexHull
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.climb.exports.motion import build_motion, read_plan_urdf
+from climbplan.climb.exports.motion import build_motion, read_plan_urdf, solve_contact_wrench
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.climb.plan.played import compute_true_angles, sample_instants
@@ -356,10 +356,27 @@ def _build_contacts(
         is_touching=touching,
         surface=surface,
         force=np.where(touching[..., None], force, 0.0),
+        moment=_build_sole_moments(sampler, loads, time, touching),
         position=toes - robot.standoff * normal,
         normal=normal,
         is_gripping=plan.robot.gripper is not None,
     )
+
+
+def _build_sole_moments(
+    sampler: _ClimbSampler, loads: RobotMotion, time: Array, touching: BoolArray
+) -> Array | None:
+    """Return moments (M, N, 3) of the terrain on flat feet about their toes; None for others."""
+    plan, robot = sampler.plan, sampler.plan.robot
+    if robot.sole is None:
+        return None
+    assert loads.joints is not None
+    torque = np.zeros((len(plan.trajectory.time), *robot.has_joint.shape))
+    torque[:, robot.has_joint] = loads.joints.torque
+    angles = sampler.compute_angles(plan.trajectory.time)[0]
+    moment = solve_contact_wrench(plan, angles, torque)[..., 3:]
+    moment = np.where(plan.trajectory.contact[..., None], moment, 0.0)
+    return np.where(touching[..., None], sampler.interpolate(moment, time), 0.0)
 
 
 def _locate_foot_points(sampler: _ClimbSampler, links: _RobotLinks) -> Array:

@@ -6,7 +6,7 @@ hash of all sources of its compiled functions, and of the sources of generated c
 no outdated code is found there.
 
 A machine compiles once, for up to a minute. The package's log has a line then, which the command
-line shows.
+line shows. The progress of the run names the function that is being compiled.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from typing import Any, Protocol, TypeVar, cast
 import numba
 from numba.core import compiler as numbas_own
 from numba.core import event
+
+from climbplan.progress import report_compilation
 
 config: Any = numba.config
 
@@ -145,16 +147,21 @@ def _is_writable(place: Path) -> bool:
 
 
 class _CompilationListener(event.Listener):  # type: ignore[misc]  # Numba has no types
-    """Logs a line once this process has compiled for long; Numba's cache causes no event."""
+    """Reports what is compiled, and logs a line once this process has compiled for long.
+
+    Numba's cache causes no event.
+    """
 
     def __init__(self) -> None:
         self.depth = 0  # a function's compilation starts those of what it calls
         self.start_time = self.total_time = 0.0
         self.has_logged = False
 
-    def on_start(self, _: object) -> None:
+    def on_start(self, compilation: Any) -> None:
         if self.depth == 0:
             self.start_time = time.perf_counter()
+            function = compilation.data["dispatcher"].py_func
+            report_compilation(f"{function.__module__}.{function.__name__}")
         self.depth += 1
         self._log_if_long()
 
@@ -163,6 +170,7 @@ class _CompilationListener(event.Listener):  # type: ignore[misc]  # Numba has n
         self.depth = max(self.depth - 1, 0)
         if self.depth == 0:
             self.total_time += time.perf_counter() - self.start_time
+            report_compilation("")
 
     def _log_if_long(self) -> None:
         """Log the line if compilation has taken long."""

@@ -33,6 +33,7 @@ from climbplan.api.limit_trials import (
 from climbplan.api.loading import SpecSource, build_overrides, read_spec_source
 from climbplan.api.making import PlanningOptions
 from climbplan.api.planning import plan_and_verify
+from climbplan.api.progress_display import show_progress
 from climbplan.errors import (
     LimitReached,
     NoPlanFound,
@@ -291,7 +292,7 @@ def find_limit(
     seed: int | None = None,
     time_limit: float | None = None,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
     on_trial: Callable[[Trial], None] | None = None,
 ) -> LimitResult:
     """Find the largest (or smallest) value of a key for which a plan is made that counts.
@@ -316,7 +317,7 @@ def find_limit(
         seed: replaces `seed`; None keeps the spec's.
         time_limit: limit of the whole search [s]; None sets none.
         jobs: worker processes of plans that have some.
-        progress: called with the name of a stage and the fraction of it that is done.
+        progress: as of `climbplan.plan`: a callback of stage and fraction, or whether to show it.
         on_trial: called with every value that was tried, so that Ctrl-C loses none.
 
     Raises:
@@ -327,17 +328,18 @@ def find_limit(
     """
     options = {"solver.method": method, "seed": seed}
     changes = {**(overrides or {}), **{k: v for k, v in options.items() if v is not None}}
-    search_options = LimitSearchOptions(
-        lower=lower,
-        upper=upper,
-        tolerance=tolerance,
-        direction=direction,
-        time_limit=time_limit,
-        jobs=jobs,
-        progress=progress or (lambda stage, fraction: None),
-        on_trial=on_trial or (lambda trial: None),
-    )
-    return _search_limit(spec, build_overrides(changes), key, search_options)
+    with show_progress(progress) as report:
+        search_options = LimitSearchOptions(
+            lower=lower,
+            upper=upper,
+            tolerance=tolerance,
+            direction=direction,
+            time_limit=time_limit,
+            jobs=jobs,
+            progress=report,
+            on_trial=on_trial or (lambda trial: None),
+        )
+        return _search_limit(spec, build_overrides(changes), key, search_options)
 
 
 def _search_limit(

@@ -33,6 +33,7 @@ class PlannedResult:
     status: str  # "optimal", "feasible", "infeasible", "limit"; of files of scenes all in one
     write: Callable[[Path], None]  # the plan file
     write_beside: Callable[[Path], None] | None = None  # further files of the run, into a directory
+    notes: Sequence[str] = ()  # what the planner changed on its way; nothing is to be done
 
 
 @dataclass(frozen=True)
@@ -87,6 +88,7 @@ def _climb(loaded: LoadedClimb, options: PlanningOptions) -> PlannedResult:
             climb_plan.warnings,
             climb_plan.status,
             lambda path: write_climb(climb_plan, path),
+            notes=climb_plan.notes,
         )
 
     try:
@@ -122,6 +124,7 @@ def _transition(loaded: LoadedTransition, options: PlanningOptions) -> PlannedRe
         transition_plan.warnings,
         transition_plan.status,
         lambda path: write_climb(transition_plan, path),
+        notes=transition_plan.notes,
     )
 
 

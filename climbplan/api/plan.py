@@ -126,7 +126,8 @@ class Plan(Group):
         self._kind: PlanKind = identify_kind(path)
         super().__init__(path, "", folder)
         self.summary: tuple[str, ...] = self._texts("summary")  # lines of the run that made it
-        self.warnings: tuple[str, ...] = self._texts("warnings")
+        self.warnings: tuple[str, ...] = self._texts("warnings")  # to be looked at before use
+        self.notes: tuple[str, ...] = self._texts("notes")  # changes on the way, nothing to do
 
     @property
     def kind(self) -> str:

@@ -12,6 +12,7 @@ from climbplan.api.loading import SpecSource, load_spec, override_spec
 from climbplan.api.making import PlannedResult, PlanningOptions, run_planner
 from climbplan.api.plan import Folder, Plan, load_plan
 from climbplan.api.plan_path import PLAN_FILE
+from climbplan.api.progress_display import show_progress
 from climbplan.deprecation import renamed_parameters
 from climbplan.errors import NoPlanFound, VerificationFailed
 from climbplan.progress import Progress
@@ -31,7 +32,7 @@ def plan(
     seed: int | None = None,
     time_limit: float | None = None,
     jobs: int = 1,
-    progress: Progress | None = None,
+    progress: Progress | bool | None = None,
 ) -> Plan:
     """Plan a climb, transition, delivery by modules, walk or bookshelf scene, and verify it.
 
@@ -42,7 +43,9 @@ def plan(
         seed: replaces `seed`; None keeps the spec's.
         time_limit: replaces `solver.time_limit` [s]; None keeps the spec's.
         jobs: worker processes of studies and of files of scenes.
-        progress: called with the name of a stage and the fraction of it that is done.
+        progress: called with the name of a stage and the fraction of it that is done. True shows
+            it instead: a bar in notebooks, elsewhere a line every five seconds on standard error.
+            False shows nothing, and None a bar in notebooks only.
 
     Raises:
         SpecError: the spec has mistakes (exit code 2 of the command line).
@@ -60,9 +63,8 @@ def plan(
         loaded = override_spec(spec, changes) if changes else spec
     else:
         loaded = load_spec(spec, changes)
-    outcome = plan_and_verify(
-        loaded, PlanningOptions(progress or (lambda stage, fraction: None), jobs)
-    )
+    with show_progress(progress) as report:
+        outcome = plan_and_verify(loaded, PlanningOptions(report, jobs))
     if outcome.verification.objection:
         failed = VerificationFailed(f"the plan {outcome.verification.objection}")
         failed.plan = outcome.plan
@@ -109,6 +111,7 @@ def _write_and_verify(result: PlannedResult) -> VerifiedPlan:
     verification = identify_kind(path).load_verifier()(path)
     planned = Plan(path, folder)
     planned.summary, planned.warnings = tuple(result.summary), tuple(result.warnings)
+    planned.notes = tuple(result.notes)
     return VerifiedPlan(planned, verification, result.status, folder.path)
 
 

@@ -40,7 +40,17 @@ class Invocation:
 
     @property
     def shows_progress(self) -> bool:
+        """Return whether a bar of progress moves on the terminal that standard error is."""
         return not self.quiet and sys.stderr.isatty()
+
+    @property
+    def writes_progress(self) -> bool:
+        """Return whether lines of progress go to a standard error that is no terminal."""
+        return not self.quiet and not sys.stderr.isatty()
+
+    def write_progress(self, line: str) -> None:
+        """Write a line of progress, on standard error, in the columns of other stages."""
+        say(f"{'progress':<9} {line}")
 
 
 _RUNNING: ContextVar[Invocation | None] = ContextVar("running", default=None)

@@ -1,21 +1,25 @@
-"""The progress bar of a dataset run: rate, share of rows with an answer, time left."""
+"""Progress of a dataset run: rate, share of rows with an answer, time left."""
 
 from __future__ import annotations
 
+import time
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Self
 
 from climbplan.cli.console import Invocation
+from climbplan.progress import LINE_INTERVAL
 
 if TYPE_CHECKING:
     from climbplan.datasets.run import Count
 
 
 class DatasetProgress:
-    """Context whose `report` is the run's callback; shows nothing but on a terminal."""
+    """Context whose `report` is the run's callback: a bar on terminals, lines elsewhere."""
 
     def __init__(self, session: Invocation) -> None:
+        self._session = session
         self._enabled = session.shows_progress
+        self._line_time = time.monotonic()  # [s] of the last line
         self._bar: Any = None
         self._task: Any = None
 
@@ -38,7 +42,11 @@ class DatasetProgress:
             self._enabled = False
 
     def report(self, count: Count) -> None:
-        """Tell how far the run is."""
+        """Show how far the run is."""
+        if self._session.writes_progress and time.monotonic() - self._line_time > LINE_INTERVAL:
+            self._line_time = time.monotonic()
+            line = f"{count.done} of {count.total} rows, {figures_of(count)}"
+            self._session.write_progress(f"{'rows':<10}{line}")
         if not self._enabled:
             return
         if self._bar is None:

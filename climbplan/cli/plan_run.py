@@ -82,6 +82,9 @@ class PlanRun:
         warn_of_implausible(verification)  # before all else
         for line in result.summary:
             self.session.note(line)
+        if self.session.verbose:
+            for note in result.notes:
+                self.session.note(f"{'note':<9} {note}")
         for warning in result.warnings:
             warn(warning)
         self.session.note(format_verification(verification, seconds))

@@ -24,6 +24,7 @@ from climbplan.methods.candidate_solving import candidate_at, solve_candidate
 from climbplan.program.box import VariableBox, propagate_box
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem
+from climbplan.progress import report_search
 from climbplan.reformulations.disjunctions import BigM, ConvexHull
 from climbplan.reformulations.grids import Encoding, Partition, pieces, uniform
 from climbplan.reformulations.mccormick import EnvelopedInstance, EnvelopeForm, McCormick
@@ -160,11 +161,16 @@ class _EnvelopeSearch:
         if relaxed.relaxation and not self.is_infeasible:
             self.bound = max(self.bound, result.bound)
         self.log.append(f"{name}: {result.status}, bound {result.bound:.6g}")
+        self._report()
         if result.x is None:
             return False
         guess = relaxed.extract_candidate(instance, result.x)
         self._improve(_polish(instance, guess, self.gap, self._time_left))
+        self._report()
         return self.best is None or relative_gap(_read_cost(self.best), self.bound) > self.gap
+
+    def _report(self) -> None:
+        report_search(None if self.best is None else _read_cost(self.best), self.bound)
 
     def _improve(self, point: SolverResult | None) -> None:
         """Take a point as incumbent if it is cheaper."""

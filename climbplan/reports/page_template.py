@@ -215,6 +215,7 @@ def build_verification_fields(
     return {
         "verdict": summarise_verification(report),
         "warnings": tuple(report.get("warnings", ())),
+        "notes": tuple(report.get("notes", ())),
         "checks": build_check_rows(report, meanings),
         "checks_note": note,
     }

@@ -2,7 +2,7 @@
 
 Root attributes format, format_version, climbplan_version, created, name, spec, spec_sha256, seed,
 status, verified, and what each kind adds; of plans timings, solvers and sizes, too, and the
-datasets `warnings` and `summary`.
+datasets `warnings`, `notes` and `summary`.
 """
 
 from __future__ import annotations
@@ -46,7 +46,8 @@ class PlanHeader(Origin):
     timings: Mapping[str, Any] = field(default_factory=dict)  # [s] by stage
     solvers: Mapping[str, Any] = field(default_factory=dict)  # stage -> solver and version
     sizes: Mapping[str, Any] = field(default_factory=dict)  # of problems, by stage
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # what to look at before the plan is used
+    notes: tuple[str, ...] = ()  # what the planner changed on its way; nothing is to be done
     summary: tuple[str, ...] = ()  # lines for the terminal
     # Found when reading: datasets and attributes
     not_finite: tuple[str, ...] = field(default=(), compare=False)
@@ -109,7 +110,7 @@ def write_header(
         numbers=numbers,
         objects=run_facts | dict(objects or {}),
     )
-    for name in ("warnings", "summary"):
+    for name in ("warnings", "notes", "summary"):
         write_dataset(file, name, vars(plan)[name], _WORDS)
 
 
@@ -139,6 +140,7 @@ def read_header(
         "solvers": reader.words("solvers"),
         "sizes": reader.mapping("sizes", sizes),
         "warnings": reader.texts("warnings", _WORDS),
+        "notes": reader.texts("notes", _WORDS) if reader.has("notes") else (),
         "summary": reader.texts("summary", _WORDS),
         "not_finite": tuple(reader.not_finite),
     }

@@ -63,14 +63,14 @@ def test_the_global_method_comes_first(tmp_path: Path) -> None:
     plan = plan_climb(loaded(tmp_path, SHAFT))
     assert plan.solvers["method"] == "micp"
     assert plan.spec_text == (tmp_path / "spec.yaml").read_text()
-    assert not any("found by" in warning for warning in plan.warnings)
+    assert not any("found by" in note for note in plan.notes)
 
 
 @pytest.mark.slow
 def test_stairs_as_boxes_are_planned(tmp_path: Path) -> None:
     plan = plan_climb(loaded(tmp_path, STAIRS))
     assert plan.solvers["method"] == "nlp"
-    assert plan.warnings[0].startswith("found by nlp; by micp not: ")
+    assert plan.notes[0].startswith("found by nlp; by micp not: ")
     path = tmp_path / "plan.h5"
     write_climb(plan, path)
     assert verify(path).passed

@@ -165,7 +165,7 @@ def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> Non
     found = verify_plan(swapped)
     assert found.passed
     assert found.badge == "verified"
-    assert any("commanded penetration -" in words for words in found.fragile)
+    assert any("mm outside its surface" in words for words in found.fragile)
     assert found.scope()["fragile"] == list(found.fragile)
     path = tmp_path / "plan.h5"
     write_climb(swapped, path)

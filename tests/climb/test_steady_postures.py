@@ -38,7 +38,7 @@ def _scene(*overrides: str) -> ClimbScene:
 @pytest.mark.slow
 def test_a_body_that_would_buckle_is_held_nearer_to_the_stance(tmp_path: Path) -> None:
     plan = plan_climb(_climb("task.rounds=10"))
-    assert any("stance workspaces tightened" in warning for warning in plan.warnings)
+    assert any("stance workspaces tightened" in note for note in plan.notes)
     write_climb(plan, tmp_path / "plan.h5")
     assert verify(tmp_path / "plan.h5").passed
     # The bound is still that of the statement, with the whole workspaces.

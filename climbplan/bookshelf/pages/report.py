@@ -51,6 +51,7 @@ def _build_values(plan: ShelfPlan, verification: Verification) -> dict[str, Any]
         "sizes": plan.sizes,
         "verification": [check.as_dict() for check in verification.checks],
         "warnings": list(plan.warnings),
+        "notes": list(plan.notes),
         **compute_key_figures(plan),
         "figures": [f"figures/{name}.png" for name in list_figures(plan)],
         "units": UNITS,

@@ -79,7 +79,8 @@ def check_margins(
             "robust.stiffness",
             KEPT_FRACTION * margins.stiffness - stiffness_ratio,
             subject.describe_instant,
-            margin=f"{100 * stiffness_ratio.min():.0f} of {100 * margins.stiffness:.0f} % left",
+            margin=f"{100 * stiffness_ratio.min():.0f} % left, "
+            f"margin {100 * margins.stiffness:.0f} %",
         )
     )
 
@@ -102,8 +103,14 @@ def _check_toe_margin(subject: Subject, name: str, value: Array, required: Array
     shortfall = np.where(contact, KEPT_FRACTION * required[:, None] - value, -np.inf)
     k, limb = np.unravel_index(int(np.argmax(shortfall)), shortfall.shape)
     quantity, scale, unit, digits = _QUANTITIES[name]
-    value_text = f"{scale * value[k, limb]:.{digits}f} of {scale * required[k]:.{digits}f} {unit}"
-    margin_text = f"{subject.name_limb(int(limb))}: {quantity} {value_text}"
+    number, margin = scale * float(value[k, limb]), scale * float(required[k])
+    if name == "robust.depth" and number < 0:
+        value_text = (
+            f"commanded {-number:.1f} mm outside its surface, margin {margin:.1f} mm inside"
+        )
+    else:
+        value_text = f"{quantity} {number:.{digits}f} {unit}, margin {margin:.{digits}f} {unit}"
+    margin_text = f"{subject.name_limb(int(limb))}: {value_text}"
     return _mark_fragile(judge_worst(name, shortfall, subject.describe_instant, margin=margin_text))
 
 

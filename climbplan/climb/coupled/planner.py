@@ -27,12 +27,13 @@ from climbplan.climb.postures.explanation import BOUND_SCOPE
 from climbplan.climb.postures.planner import (
     PostureResult,
     extract_rounds,
+    note_large_rotations,
     reject_nonconvex,
-    warn_of_large_rotations,
 )
 from climbplan.climb.postures.statement import PostureMargins
 from climbplan.climb.scene.climb_scene import ClimbScene
 from climbplan.errors import Unresolved
+from climbplan.progress import report_search
 from climbplan.solvers.result import SolverResult, relative_gap
 from climbplan.solvers.scip.bilinear import solve_minlp_scip
 
@@ -97,7 +98,7 @@ def plan_coupled(scene: ClimbScene, margins: PostureMargins | None = None) -> Po
         nodes=answer.nodes,
         solver=result.solver,
         sizes=sizes,
-        warnings=warn_of_large_rotations(scene, rounds),
+        notes=note_large_rotations(scene, rounds),
     )
 
 
@@ -150,10 +151,16 @@ def _find_initial_point(prepared: CoupledProblem) -> IntegralPoint | None:
     return repair_candidate(prepared, first, prepared.remaining_time)
 
 
+def _report_initial_point(prepared: CoupledProblem, initial: IntegralPoint | None) -> None:
+    cost = None if initial is None else prepared.instance.objective(initial.x)
+    report_search(cost, prepared.bound)
+
+
 def _plan_accurately(prepared: CoupledProblem) -> CoupledSolution:
     options = prepared.scene.spec.solver
     envelope = select_envelopes(prepared.scene)[0] if options.envelopes else None
     initial = _find_initial_point(prepared)
+    _report_initial_point(prepared, initial)
     if initial is not None and envelope is None:
         cost = prepared.instance.objective(initial.x)
         if relative_gap(cost, prepared.bound) <= options.gap:
@@ -204,6 +211,7 @@ def _plan_accurately(prepared: CoupledProblem) -> CoupledSolution:
 def _plan_by_spatial_search(prepared: CoupledProblem) -> CoupledSolution:
     options = prepared.scene.spec.solver
     initial = _find_initial_point(prepared)
+    _report_initial_point(prepared, initial)
     result = solve_minlp_scip(
         prepared.instance,
         gap=options.gap,

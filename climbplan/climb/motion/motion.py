@@ -110,7 +110,8 @@ def plan_motion(
     motion = _plan_motion(replace(scene, footing=()), clock, save_model, deadline, num_kept, nodes)
     edge = 1e3 * scene.spec.margins.edge
     note = f"fragile: toes may stand nearer than {edge:.0f} mm to edges of their regions"
-    return replace(motion, tightenings=(*motion.tightenings, note))
+    posture = replace(motion.posture, warnings=(*motion.posture.warnings, note))
+    return replace(motion, posture=posture)
 
 
 def _plan_motion(

@@ -75,6 +75,7 @@ def _build_values(plan: ClimbPlan, verification: Verification) -> dict[str, Any]
         "sizes": replace_non_finite(plan.sizes),
         "verification": [check.as_dict() for check in verification.checks],
         "warnings": list(plan.warnings),
+        "notes": list(plan.notes),
         **compute_key_figures(plan),
         **compute_grip_figures(plan),
         **_describe_transition(plan),

@@ -168,7 +168,7 @@ def apply_choices(loaded: LoadedClimb, trial: MethodVariant) -> LoadedClimb:
 def plan_automatically(
     loaded: LoadedClimb, scene: Callable[[ClimbSpec], ClimbScene], plan: PlanByMethod
 ) -> ClimbPlan:
-    """Return the plan of the first trial that leads to one; its warnings say what was chosen.
+    """Return the plan of the first trial that leads to one; its notes say what was chosen.
 
     Args:
         loaded: Spec of the climb, with method `auto`.
@@ -211,7 +211,7 @@ def plan_automatically(
             trial, max(_FURTHER_TRIAL_FRACTION * remaining, _MIN_TRIAL_TIME)
         )
         if verified_plan is not None:
-            return _add_provenance_warning(verified_plan, trial, search.failed_trials[0])
+            return _add_provenance_note(verified_plan, trial, search.failed_trials[0])
     if search.unverified_plan is not None:
         return search.unverified_plan  # better than none: it is written, and marked as failing
     failed_trials = tuple(search.failed_trials)
@@ -229,13 +229,13 @@ def _collect_suggestions(failed_trials: Iterable[FailedTrial]) -> list[Remedy]:
     return changes + [r for error in errors for r in error.remedies]
 
 
-def _add_provenance_warning(
+def _add_provenance_note(
     plan: ClimbPlan, trial: MethodVariant, first_trial_failure: FailedTrial
 ) -> ClimbPlan:
-    """Return the plan with a warning that says which trial found it."""
+    """Return the plan with a note that says which trial found it."""
     first_name, reason = first_trial_failure.trial.name, first_trial_failure.failure_summary
     note = f"found by {trial.name}; by {first_name} not: {reason}"
-    return replace(plan, warnings=(note, *plan.warnings))
+    return replace(plan, notes=(note, *plan.notes))
 
 
 def _attach_verified_remedies(proof: Infeasible, remedies: Sequence[Remedy]) -> Infeasible:

@@ -273,12 +273,12 @@ def _assemble_plan(
         },
         warnings=(
             *motion.posture.warnings,
-            *motion.tightenings,
             *describe_deflection(forces),
             *forces.notes,
             *assumed,
             *grip_notes,
         ),
+        notes=(*motion.posture.notes, *motion.tightenings),
         grips=grips,
         robot_texts=collect_robot_texts(spec.robot, loaded.directory, loaded.robot),
         looks=load_visual_geometry(loaded.robot, scene.robot),

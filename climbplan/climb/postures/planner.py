@@ -46,7 +46,8 @@ class PostureResult:
     nodes: int  # branch-and-bound nodes, or NLP starts
     solver: str
     sizes: dict[str, Any]
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # for people, of what needs no action
     warm_start: KnownResult | None = None  # for planning again with wider margins
 
 
@@ -142,7 +143,7 @@ def _build_result(
         nodes=result.nodes,
         solver=result.solver,
         sizes={**program.counts(), **({} if is_relaxation else {"bound_holds_for": BOUND_SCOPE})},
-        warnings=warn_of_large_rotations(scene, rounds),
+        notes=note_large_rotations(scene, rounds),
         warm_start=KnownResult(result.assignment, result.bound),
     )
 
@@ -202,8 +203,8 @@ def _prepend_start(start: Array, following: Array) -> Array:
     return np.concatenate([start[None], following])
 
 
-def warn_of_large_rotations(scene: ClimbScene, rounds: Rounds) -> tuple[str, ...]:
-    """Return a warning if a round's rotation leaves the range of the linearisation."""
+def note_large_rotations(scene: ClimbScene, rounds: Rounds) -> tuple[str, ...]:
+    """Return a note if a round's rotation leaves the range of the linearisation."""
     level = LinearisedRotation.from_scene(scene).level
     largest = np.abs(rounds.rpy - level).max(axis=1)
     beyond = np.flatnonzero(largest > LINEAR_ROTATION_LIMIT)

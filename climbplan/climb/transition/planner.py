@@ -254,7 +254,7 @@ def _plan_automatically(run: TransitionRun) -> TransitionResult:
     missing = first.message.partition("\n")[0].partition(";")[0]
     return replace(
         result,
-        warnings=(f"found by mpcc; by stance-search not: {missing}", *result.warnings),
+        notes=(f"found by mpcc; by stance-search not: {missing}", *result.notes),
     )
 
 

@@ -350,6 +350,7 @@ class TransitionResult:
     sizes: dict[str, dict[str, int]]
     sequences: Sequences | None = None
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
 def assemble_plan(run: TransitionRun, result: TransitionResult) -> ClimbPlan:
@@ -395,6 +396,7 @@ def assemble_plan(run: TransitionRun, result: TransitionResult) -> ClimbPlan:
             *describe_deflection(motion.forces),
             *motion.forces.notes,
         ),
+        notes=result.notes,
         kind="transition",
         sequences=result.sequences,
         robot_texts=collect_robot_texts(loaded.spec.robot, loaded.directory, loaded.robot),

@@ -89,6 +89,7 @@ def _build_values(plan: LimmsPlan, verification: Verification) -> dict[str, Any]
         "sizes": plan.sizes,
         "verification": [check.as_dict() for check in verification.checks],
         "warnings": list(plan.warnings),
+        "notes": list(plan.notes),
         "duration": float(plan.motion.time[-1]),
         "box": {
             "mass": float(plan.box_mass[0]),

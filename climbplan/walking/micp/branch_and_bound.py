@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray
+from climbplan.progress import report_search
 from climbplan.walking.check.checker import is_feasible
 from climbplan.walking.micp.attitude_box import AttitudeBox, build_attitude_box
 from climbplan.walking.micp.attitude_partition import (
@@ -165,6 +166,7 @@ class BranchAndBound:
     def record_progress(self) -> None:
         """Append the incumbent's cost and the bound to the history."""
         self.history.append(Improvement(self.seconds, self.objective, self.bound))
+        report_search(self.objective, self.bound)
 
     def bound_cell(self, attitude_box: AttitudeBox) -> None:
         """Search for motions below the cutoff; the cell is closed if there are none."""

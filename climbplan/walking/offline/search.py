@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import BoolArray
+from climbplan.progress import report_search
 from climbplan.walking.check.checker import is_feasible
 from climbplan.walking.offline.fixed_contact_qp import WalkIterate
 from climbplan.walking.offline.footing import build_gait
@@ -297,6 +298,7 @@ class _IteratedLocalSearch:
             self.improvements.append(answer)
             if answer.is_feasible:
                 self.history.append(Improvement(self.seconds, answer.objective))
+                report_search(answer.objective)
 
     @staticmethod
     def compute_price(answer: GaitAnswer | None) -> float:

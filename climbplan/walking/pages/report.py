@@ -89,6 +89,7 @@ def _collect_values(plan: WalkPlan, verification: Verification) -> dict[str, Any
         "sizes": plan.sizes,
         "verification": [check.as_dict() for check in verification.checks],
         "warnings": list(plan.warnings),
+        "notes": list(plan.notes),
         "tracking": _measure_tracking(plan),
         "gait": {
             "standing": format_gait(plan.trajectory.gait.contact[:: _samples_per_knot(plan)]),

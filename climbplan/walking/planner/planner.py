@@ -10,7 +10,7 @@ from importlib import metadata
 import numpy as np
 
 from climbplan.errors import Conflict, Infeasible, LimitReached
-from climbplan.progress import Progress
+from climbplan.progress import Progress, report_search
 from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.check.speed import compute_leg_speeds
 from climbplan.walking.dynamics.cost import compute_cost_terms
@@ -80,6 +80,7 @@ def plan_walk(loaded: LoadedMpc, report: Progress | None = None) -> WalkPlan:
     scan = load_walk_surface(loaded)
     task = build_task(spec, loaded.robot, loaded.source, scan=scan)
     report("solve", 0.0)
+    report_search(deadline=deadline)
     ready = time.perf_counter()
     gap = find_widest_gap(task)
     if gap is not None and gap.proved:

@@ -39,20 +39,20 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_two_command_lines_each_on_one_line() -> None:
     installing = [line for line in SHELL_LINES if "pip install" in line]
     assert len(installing) == 2
-    assert installing[0].endswith("climbplan plan-climb specs/climb_obstacle.yaml")
+    assert installing[0].endswith("climbplan plan-climb specs/climb_tube.yaml")
     assert installing[1].endswith("-m pytest -n 2 --dist worksteal")
     # What CI runs is the second one.
     assert r"grep -m1 'pip install.*\[test\]' README.md" in (ROOT / ".ci" / "run").read_text()
 
 
 def test_main_command_plans_and_verifies(folder: Path) -> None:
-    line = next(line for line in SHELL_LINES if "plan-climb specs/climb_obstacle.yaml" in line)
+    line = next(line for line in SHELL_LINES if "plan-climb specs/climb_tube.yaml" in line)
     command = line.split("&&")[-1].strip().removeprefix(".venv/bin/")
     done = run(command, folder)
     assert done.returncode == 0, done.stderr
-    assert done.stdout == "outputs/climb_obstacle/plan.h5\n"
+    assert done.stdout == "outputs/climb_tube/plan.h5\n"
     assert "passed" in done.stderr
-    made = {p.name for p in (folder / "outputs" / "climb_obstacle").iterdir()}
+    made = {p.name for p in (folder / "outputs" / "climb_tube").iterdir()}
     assert made == {"plan.h5", "report.json", "report.html", "figures"}
 
 

@@ -18,7 +18,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PYTHONS = ("3.11", "3.12", "3.13")
-MAIN = "plan-climb specs/climb_obstacle.yaml"  # the README's
+MAIN = "plan-climb specs/climb_tube.yaml"  # the README's
 
 
 def run(*command: str | Path, **more: str | Path) -> str:
@@ -74,7 +74,7 @@ def test_the_source_distribution_builds_and_tests_itself(built: tuple[Path, Path
     with tarfile.open(built[1]) as source:
         names = {name.partition("/")[2] for name in source.getnames()}
     for needed in ("pyproject.toml", "README.md", "LICENSE", "tests/test_release.py",
-                   "specs/climb_obstacle.yaml", "docs/conf.py", "climbplan/py.typed",
+                   "specs/climb_tube.yaml", "docs/conf.py", "climbplan/py.typed",
                    "benchmarks/__main__.py"):  # fmt: skip
         assert needed in names, needed
     assert not {name for name in names if name.startswith(("outputs/", ".git/", "docs/_build"))}
@@ -98,8 +98,8 @@ def main_job(place: Path, program: Path) -> None:
     """The README's main command in a folder of its own, and what it leaves there."""
     folder = place / "work"
     shutil.copytree(ROOT / "specs", folder / "specs")
-    assert "climb_obstacle" in run(program, *MAIN.split(), cwd=folder)
-    made = folder / "outputs" / "climb_obstacle"
+    assert "climb_tube" in run(program, *MAIN.split(), cwd=folder)
+    made = folder / "outputs" / "climb_tube"
     page = (made / "report.html").read_text(encoding="utf-8")
     assert "</html>" in page
     assert "passed" in page

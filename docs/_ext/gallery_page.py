@@ -63,7 +63,7 @@ FAMILIES = {
         "Bookshelf", "One more book, with the least motion of the others.", "bookshelf"
     ),
 }
-MAIN_FILM = "climb_obstacle"  # of the landing page
+MAIN_FILM = "climb_tube"  # of the landing page
 FILMS = (MAIN_FILM, *(family.film for family in FAMILIES.values() if family.film))
 # Films of the landing page beside it, of courses in the benchmark: robot, kind and seed
 COURSES = {"stairs": ("ANYmal C", "stairs", 0), "rubble": ("silvia", "rubble", 0)}

@@ -46,7 +46,7 @@ SHIPPED = (
         "Hexapod of three joints a leg: climbs between walls, in tubes, on stairs and scans, and"
         " gets from the ground to walls.",
         "climb_steps",
-        "climbplan plan-climb specs/climb_obstacle.yaml",
+        "climbplan plan-climb specs/climb_tube.yaml",
     ),
     ShippedRobot(
         "scaler",

@@ -10,6 +10,7 @@ chosen.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import sparse
@@ -23,6 +24,7 @@ from climbplan.solvers.tree.choice_hulls import build_choice_hulls
 from climbplan.solvers.tree.choice_table import UNBOUNDED, ChoiceTable, build_choice_tables
 
 _MAX_ENTRIES = 10e6  # largest number of entries of binaries, each some 200 bytes in a model
+_INDISTINCT = 1e-6  # difference of bounds that solvers with row tolerances cannot tell apart
 
 
 @dataclass(frozen=True)
@@ -90,8 +92,23 @@ def _build_choice_rows(
             ChoiceRow(
                 c,
                 E[d],
-                lower - offset[d] if is_needed[0] else None,
-                upper - offset[d] if is_needed[1] else None,
+                -_merge_bounds(offset[d] - lower) if is_needed[0] else None,
+                _merge_bounds(upper - offset[d]) if is_needed[1] else None,
             )
         )
     return rows
+
+
+def _merge_bounds(upper: Array) -> Array:
+    """Return upper bounds (R,) in which values closer than a solver's tolerance are the same.
+
+    Each group has its largest value, so nothing is cut off. Differences of 1e-9, as between the
+    bound of an alternative and that of a propagated box, become coefficients of binaries. SCIP
+    aggregates variables by such coefficients, and then reports feasible programs as infeasible.
+    """
+    order = np.argsort(-upper)
+    merged = upper.copy()
+    for previous, k in pairwise(order):
+        if upper[previous] - upper[k] <= _INDISTINCT:
+            merged[k] = merged[previous]
+    return merged

@@ -16,6 +16,7 @@ from climbplan.solvers.registry import require
 
 SUFFIXES = (".lp", ".mps", ".cip", ".nl")
 _SCIP_CONVEX = frozenset({"balls", "choices"})
+_MPS = frozenset({"balls", "choices", "implications", "integers", "integers beyond 0 and 1"})
 _BY_BIG_M = frozenset({"integers", "choices", "implications"})
 
 
@@ -23,7 +24,8 @@ def save_model(instance: Instance, path: Path) -> None:
     """Write the program: .lp (CPLEX LP), .mps, .cip (SCIP) or .nl (AMPL, for nonlinear solvers).
 
     Rows, binaries, implications and choices become a mixed-integer linear or quadratic .lp or .mps
-    by big-M. With products or balls these two contain quadratic rows and indicators. Variables are
+    by big-M, balls quadratic rows of an .mps file. With products, and with balls in an .lp file,
+    these two contain quadratic rows, indicators and variables for squares. Variables are
     in the order of the instance. SCIP names them x<i>, products w<k>, the binaries of choices
     in<choice>_<alternative>. Names of an .nl file are in separate files (.col, .row).
 
@@ -45,6 +47,15 @@ def save_model(instance: Instance, path: Path) -> None:
         )
     if path.suffix == ".nl":
         _write_by_scip(_build_bilinear(BigM().apply(instance).instance), path)
+    elif path.suffix == ".mps" and "balls" in features and features <= _MPS:
+        from climbplan.solvers.mps_file import write_mps
+
+        form = BigM().apply(instance)
+        alternatives = [
+            f"in{c}_{r}" for c, group in enumerate(form.binaries) for r in range(len(group))
+        ]
+        names = [f"x{i}" for i in range(instance.size)] + alternatives
+        write_mps(form.instance, names, path)
     elif features <= _SCIP_CONVEX:
         require("scip")
         from climbplan.solvers.scip.model import build_convex_model

@@ -77,3 +77,29 @@ def test_what_cannot_be_written(tmp_path: Path) -> None:
         save_model(p.instantiate(), tmp_path / "model.nl")
     with pytest.raises(UsageError, match="unknown suffix"):
         save_model(p.instantiate(), tmp_path / "model.txt")
+
+
+def test_balls_in_mps_files_add_no_variables_and_no_entry_twice(tmp_path: Path) -> None:
+    p = Program("stones")
+    x = p.continuous("x", (2,), -3.0, 3.0)
+    p.ball("reach", (x - np.array([0.5, 0.0]))[None, :], 1.2)
+    square = np.vstack([np.eye(2), -np.eye(2)])
+    stones = [
+        Polytope.halfspaces(f"stone{c}", square, np.array([c + 0.3, 0.3, 0.3 - c, 0.3]))
+        for c in (0.0, 1.8)
+    ]
+    p.one_of("stones", x[None, :], [stones])
+    p.minimise("cost", np.sum((x - np.array([1.3, 0.4])) ** 2) + x[0] * x[1])
+    instance, path = p.instantiate(), tmp_path / "model.mps"
+    save_model(instance, path)
+    model: Any = pyscipopt.Model()
+    model.hideOutput()
+    model.readProblem(str(path))
+    stated = {v.name for v in model.getVars() if v.name[0] in "xi"}
+    assert stated == {"x0", "x1", "in0_0", "in0_1"}
+    sections = path.read_text().split("QCMATRIX")[1:]
+    for section in sections:
+        entries = [tuple(line.split()[:2]) for line in section.splitlines()[1:] if line[0] == " "]
+        assert len(entries) == len(set(entries))
+    best = solve_minlp_scip(instance, gap=1e-7).objective
+    assert optimum(path) == pytest.approx(best, abs=1e-4)

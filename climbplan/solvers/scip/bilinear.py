@@ -1,6 +1,8 @@
 """SCIP on the whole statement: binaries, implications, choices and products (`minlp-scip`).
 
-Implications and choices are indicator constraints. Products are quadratic equations, on which SCIP
+Implications are indicator constraints. Choices are rows over binaries from the hulls of their
+alternatives where these are bounded, and indicator constraints otherwise: SCIP 10 cuts off optima
+of many indicator constraints that share a binary. Products are quadratic equations, on which SCIP
 branches in space. The cost is a sum of separable epigraphs. SCIP's bounds are valid for the exact
 problem, up to its row tolerance.
 """
@@ -19,6 +21,7 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance
+from climbplan.solvers.mixed_integer_form import build_mixed_integer_form
 from climbplan.solvers.result import SolverResult, judge_answer
 from climbplan.solvers.scip.model import ScipModel, convert_bound
 from climbplan.solvers.scip.run import read_answer, read_values, run_model
@@ -114,7 +117,10 @@ def build_bilinear_model(instance: Instance) -> ScipModel:
     scip.add_balls(instance)
     _add_implications(scip, instance)
     scip.add_choice_binaries(instance)
-    _add_choices(scip, instance)
+    try:
+        scip.add_choice_rows(build_mixed_integer_form(instance).choice_rows)
+    except UsageError:  # a point without bounds has no hull
+        _add_choices(scip, instance)
     return scip
 
 

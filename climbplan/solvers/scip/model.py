@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -14,6 +15,8 @@ from climbplan.program.box import VariableBox
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer_form import ChoiceRow, build_mixed_integer_form
 from climbplan.solvers.separable_cost import SeparableCost
+
+_FEASIBILITY = 1e-6  # SCIP's tolerance of rows, by which propagated bounds are widened
 
 
 @dataclass
@@ -33,7 +36,7 @@ class ScipModel:
         x = [
             model.addVar(
                 f"x{i}",
-                vtype="B" if is_integer else "C",
+                vtype=("B" if low >= 0.0 and high <= 1.0 else "I") if is_integer else "C",
                 lb=convert_bound(low),
                 ub=convert_bound(high),
             )
@@ -88,24 +91,31 @@ class ScipModel:
         self.model.addObjoffset(cost.constant)
 
     def add_balls(self, instance: Instance) -> None:
-        """Add second-order cones, scaled to radius 1 for the same tolerance of every ball."""
+        """Add second-order cones, those of constant radius scaled to 1 for the same tolerance."""
         for b, balls in enumerate(instance.balls):
             d = balls.f.shape[1]
             for k, radius in enumerate(balls.radius):
-                unit = max(float(radius), 1e-9)
+                unit = max(float(radius), 1e-9) if balls.slope is None else 1.0
                 components = [
                     self.add_affine_variable(
                         balls.F[k * d + i] / unit, float(balls.f[k, i]) / unit, f"ball{b}_{k}_{i}"
                     )
                     for i in range(d)
                 ]
-                limit = 1.0 if radius > 0 else float(np.sign(radius))
                 square = pyscipopt.quicksum(component * component for component in components)
-                self.model.addCons(square <= limit, f"ball{b}_{k}")
+                if balls.slope is None:
+                    limit = 1.0 if radius > 0 else float(np.sign(radius))
+                    self.model.addCons(square <= limit, f"ball{b}_{k}")
+                    continue
+                name = f"limit{b}_{k}"
+                height = self.add_affine_variable(balls.slope[k], float(radius), name, lower=0.0)
+                self.model.addCons(square - height * height <= 0, f"ball{b}_{k}")
 
-    def add_affine_variable(self, row: sparse.csr_matrix, offset: float, name: str) -> Any:
-        """Add a variable equal to row (x, w) + offset."""
-        variable = self.model.addVar(name, lb=None)
+    def add_affine_variable(
+        self, row: sparse.csr_matrix, offset: float, name: str, lower: float | None = None
+    ) -> Any:
+        """Add a variable equal to row (x, w) + offset, at least `lower`."""
+        variable = self.model.addVar(name, lb=lower)
         self.model.addCons(self.build_affine(row, offset) - variable == 0, f"{name}_is")
         return variable
 
@@ -118,6 +128,11 @@ class ScipModel:
             self.model.addCons(pyscipopt.quicksum(group) == 1, f"one{c}")
             self.binaries.append(group)
 
+    def add_choice_rows(self, entries: Sequence[ChoiceRow]) -> None:
+        """Add rows whose ends depend on the binaries of their choice."""
+        for number, entry in enumerate(entries):
+            _add_choice_row(self, entry, number)
+
 
 def build_convex_model(instance: Instance) -> ScipModel:
     """Build a convex instance with choices, whose rows depend on binaries through hulls.
@@ -126,14 +141,26 @@ def build_convex_model(instance: Instance) -> ScipModel:
         UsageError: A choice's point is not bounded along a direction that needs it.
     """
     form = build_mixed_integer_form(instance)
-    scip = ScipModel.create(instance, form.box.lower, form.box.upper)
+    scip = ScipModel.create(instance, *widen_box(instance, form.box))
     scip.set_cost(form.squares, form.box)
     scip.add_rows(instance)
     scip.add_balls(instance)
     scip.add_choice_binaries(instance)
-    for number, entry in enumerate(form.choice_rows):
-        _add_choice_row(scip, entry, number)
+    scip.add_choice_rows(form.choice_rows)
     return scip
+
+
+def widen_box(instance: Instance, box: VariableBox) -> tuple[Array, Array]:
+    """Return propagated bounds that SCIP may use: wider by its tolerance, within the stated ones.
+
+    A propagated bound is exact up to rounding errors, which are as large as SCIP's epsilon. SCIP
+    then takes bounds for crossed, and reports programs as infeasible whose optimum is on them.
+    """
+    wider = _FEASIBILITY * ~instance.integer
+    return (
+        np.maximum(instance.lower, box.lower - wider),
+        np.minimum(instance.upper, box.upper + wider),
+    )
 
 
 def _add_choice_row(scip: ScipModel, entry: ChoiceRow, number: int) -> None:

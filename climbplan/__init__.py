@@ -16,6 +16,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from climbplan.api.cvxpy_solver import CVXPY
     from climbplan.api.limits import find_limit
     from climbplan.api.loading import load_spec
     from climbplan.api.plan import Plan, load_plan
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 __all__ = [
+    "CVXPY",
     "BookshelfSpec",
     "ClimbSpec",
     "LimmsSpec",
@@ -56,6 +58,7 @@ __all__ = [
     "verify",
 ]
 _MODULES = {
+    "CVXPY": "api.cvxpy_solver",
     "BookshelfSpec": "bookshelf.schema.model",
     "ClimbSpec": "climb.schema.model",
     "LimmsSpec": "limms.schema.model",

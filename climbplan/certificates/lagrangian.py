@@ -72,13 +72,16 @@ def build_lagrangian(
         total.add(0.5 * P.data * point[P.row], P.col)
     _add_rows(total, rows, box, y)
     begin = 0
-    for balls in instance.balls:  # b'(F x + f) - |b| r
+    for balls in instance.balls:  # b'(F x + f) - |b| (radius + slope x)
         b, F = ball[begin : begin + balls.f.size], sparse.coo_matrix(balls.F)
         begin += balls.f.size
         length = np.linalg.norm(b.reshape(balls.f.shape), axis=1)
         total.add(b * balls.f.ravel())
         total.add(-length * balls.radius)
         total.add(b[F.row] * F.data, F.col)
+        if balls.slope is not None:
+            G = sparse.coo_matrix(balls.slope)
+            total.add(-length[G.row] * G.data, G.col)
         total.weight += float(length.sum())
     return total
 

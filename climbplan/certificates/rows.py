@@ -66,7 +66,8 @@ def build_stated_rows(instance: Instance) -> CertificateRows:
             z += 1
     append(sparse.csr_matrix(choice_rows), np.ones(len(choice_rows)), np.ones(len(choice_rows)))
     for balls in instance.balls:
-        radius, f = np.repeat(balls.radius, balls.f.shape[1]), balls.f.ravel()
+        limit = balls.radius if balls.slope is None else np.full(balls.count, np.inf)
+        radius, f = np.repeat(limit, balls.f.shape[1]), balls.f.ravel()
         append(balls.F, round_down(-radius - f), round_up(radius - f))
     G, *columns = zip(*blocks, strict=True)
     lower, upper, binary, value = (np.concatenate(column) for column in columns)

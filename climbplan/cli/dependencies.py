@@ -69,9 +69,7 @@ PARTS = (
         "CVXPY",
         "cvxpy",
         "cvxpy",
-        "baseline of `python -m benchmarks force` and `coupled`, in a clone",
-        required=False,
-        install="pip install 'climbplan[bench]'",
+        "problems stated in it: `climbplan.CVXPY()`, `Program.from_cvxpy`",
     ),
     Dependency(
         "Pinocchio",

@@ -42,6 +42,8 @@ from climbplan.solvers.result import SolverResult
 METHODS: tuple[Method, ...] = get_args(Method)
 NEEDS_LIBRARY = ("knn",)
 LEARNED = (*NEEDS_LIBRARY, *NEEDS_MODEL)
+_BEYOND_BINARIES = frozenset({"cones", "integers beyond 0 and 1"})
+_CONIC_METHODS = ("branch-and-bound", "minlp-scip")  # hold these two features
 _MAX_PRODUCTS = 50  # largest number of products for which `auto` selects the built-in tree
 
 
@@ -92,6 +94,11 @@ def solve_instance(
         method = _select_method(instance, settings)
     if settings.certificate and method != "branch-and-bound":
         raise UsageError(f"a certificate is made by method branch-and-bound, not by {method!r}")
+    if (beyond := instance.features & _BEYOND_BINARIES) and method not in _CONIC_METHODS:
+        raise UsageError(
+            f"method {method!r} holds no {' and no '.join(sorted(beyond))}: use "
+            + " or ".join(_CONIC_METHODS)
+        )
     begin = time.perf_counter()
     task = Task(problem, theta, instance, settings, begin, kept or SharedCache())
     if is_automatic and method == "branch-and-bound":

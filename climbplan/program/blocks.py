@@ -70,7 +70,7 @@ class SmoothBlock:
 
 @dataclass(frozen=True)
 class BallBlock:
-    """Constraints || rows of expression || <= radius."""
+    """Constraints || rows of expression || <= radius + slope."""
 
     name: str
     shape: tuple[int, ...]
@@ -78,6 +78,7 @@ class BallBlock:
     dimension: int
     radius: Array  # (K,)
     unit: str
+    slope: Sequence[Any] | AffineArray | None = None  # K scalars, None for constant radii
 
 
 @dataclass(frozen=True)

@@ -99,6 +99,8 @@ def propagate_box(instance: Instance, hulls: Hulls | None = None) -> VariableBox
     rows, Q = [instance.A], [instance.Q]
     lower, upper = [instance.row_lower], [instance.row_upper]
     for balls in instance.balls:
+        if balls.slope is not None:
+            continue  # its vectors have no bound of their own
         radius = np.repeat(balls.radius, balls.f.shape[1])
         rows.append(balls.F)
         lower.append(-radius - balls.f.ravel())

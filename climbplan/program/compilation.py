@@ -37,6 +37,7 @@ class CompiledProgram:
     implications: Bilinear
     binaries: IntArray  # binary of each implication row
     balls: tuple[Affine | FixedAffine | JoinedAffine, ...]
+    limits: tuple[Affine | FixedAffine | JoinedAffine | None, ...]  # of balls with a slope
     choices: tuple[Affine | FixedAffine | JoinedAffine, ...]  # by block; rows of all its points
     products: dict[tuple[int, int], int]  # pair -> number of the product
     cost: Any  # theta -> (q, constant)
@@ -57,9 +58,10 @@ class CompiledProgram:
         blocks = self.blocks
         A, constants = self.rows.affine.at(theta)
         balls = []
-        for ball, affine in zip(blocks.balls, self.balls, strict=True):
+        for ball, affine, limit in zip(blocks.balls, self.balls, self.limits, strict=True):
             F, f = affine.at(theta)
-            balls.append(Balls(F, f.reshape(-1, ball.dimension), ball.radius))
+            slope, offset = (None, 0.0) if limit is None else limit.at(theta)
+            balls.append(Balls(F, f.reshape(-1, ball.dimension), ball.radius + offset, slope))
         choices = []
         for group, affine in zip(blocks.choices, self.choices, strict=True):
             E, e = affine.at(theta)
@@ -185,6 +187,7 @@ def compile_program(
         implications=implications,
         binaries=_find_binaries(name, blocks, x_symbols, theta_symbols),
         balls=tuple(affine(b.name, b.expression) for b in blocks.balls),
+        limits=tuple(None if b.slope is None else affine(b.name, b.slope) for b in blocks.balls),
         choices=tuple(affine(b.name, b.expression) for b in blocks.choices),
         products=products,
         cost=ca.Function("cost", [theta], offsets),

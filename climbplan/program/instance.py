@@ -14,11 +14,15 @@ from climbplan.program.smooth import Smooth
 
 @dataclass(frozen=True)
 class Balls:
-    """K constraints || F_k x + f_k ||_2 <= radius_k, all of the same dimension d."""
+    """K constraints || F_k x + f_k ||_2 <= radius_k + slope_k x, all of the same dimension d.
+
+    With a slope they are general second-order cones.
+    """
 
     F: sparse.csr_matrix  # (K d, n) rows of ball k are k d ... k d + d - 1
     f: Array  # (K, d)
     radius: Array  # (K,)
+    slope: sparse.csr_matrix | None = None  # (K, n), None for radii that are constant
 
     @property
     def count(self) -> int:
@@ -29,9 +33,13 @@ class Balls:
         """Return F_k x + f_k, (K, d)."""
         return (self.F @ x).reshape(self.f.shape) + self.f
 
+    def limits(self, x: Array) -> Array:
+        """Return radius_k + slope_k x, (K,)."""
+        return self.radius if self.slope is None else np.asarray(self.radius + self.slope @ x)
+
     def excess(self, x: Array) -> Array:
-        """Return || F_k x + f_k || - radius_k, (K,), positive where violated."""
-        return np.linalg.norm(self.vectors(x), axis=1) - self.radius
+        """Return || F_k x + f_k || - radius_k - slope_k x, (K,), positive where violated."""
+        return np.linalg.norm(self.vectors(x), axis=1) - self.limits(x)
 
 
 @dataclass(frozen=True)
@@ -104,7 +112,8 @@ class Implications:
 class Instance:
     """Minimise 1/2 x'Px + q'x + constant over bounds, rows, balls, choices and implications.
 
-    Rows and implications may contain products w of two variables; `integer` variables are binaries.
+    Rows and implications may contain products w of two variables. `integer` variables are binaries
+    where their bounds are 0 and 1, and implications hang on binaries alone.
     """
 
     name: str
@@ -129,6 +138,10 @@ class Instance:
         """Features that a solver must support beyond convex quadratic programs over rows."""
         present = {
             "balls": any(b.count for b in self.balls),
+            "cones": any(b.count and b.slope is not None for b in self.balls),
+            "integers beyond 0 and 1": bool(
+                ((self.lower < 0.0) | (self.upper > 1.0))[self.integer].any()
+            ),
             "choices": bool(self.choices),
             "integers": bool(self.integer.any()),
             "implications": bool(self.implications.count),

@@ -96,6 +96,42 @@ class Program:
     _costs: dict[str, Any] = field(default_factory=dict, repr=False)
     _compiled: CompiledProgram | None = field(default=None, repr=False)
 
+    @classmethod
+    def from_cvxpy(cls, problem: Any) -> Program:
+        """State a convex `cvxpy.Problem`, with its variables under their names in CVXPY.
+
+        Parameters of CVXPY count with their values now. Arrays are flattened column by column.
+        `rows`, `cones<k>` and `balls<k>` are the blocks of constraints; variables of CVXPY's
+        reductions, such as epigraphs, are named `reduction<column>`.
+
+        Raises:
+            UsageError: The problem needs more than second-order cones, is not convex, or has
+                integer variables without bounds.
+        """
+        from climbplan.program.cvxpy_form import state_cvxpy_problem
+
+        program = cls("cvxpy")
+        state_cvxpy_problem(program, problem)
+        return program
+
+    @classmethod
+    def from_casadi(cls, nlp: Mapping[str, Any], **bounds: Any) -> Program:
+        """State a nonlinear program as `casadi.nlpsol` takes it.
+
+        Args:
+            nlp: CasADi symbols and expressions "x" (n,), "f", and optionally "g" (m,) and
+                parameters "p".
+            bounds: Optional `lbx`, `ubx` (n,), `lbg`, `ubg` (m,) and `discrete` (n,) bool.
+
+        Raises:
+            UsageError: The sizes do not fit, or an integer variable has no bounds.
+        """
+        from climbplan.program.casadi_form import state_casadi_problem
+
+        program = cls("casadi")
+        state_casadi_problem(program, nlp, **bounds)
+        return program
+
     # ---- variables and parameters
 
     def continuous(
@@ -141,6 +177,21 @@ class Program:
         self._check_new(name, self.variables)
         low, high = np.zeros(shape), np.ones(shape)
         self.variables[name] = Variable(name, shape, len(self._x), low, high, "", integer=True)
+        return self._symbols(name, shape, self._x)
+
+    def integer(
+        self, name: str, shape: tuple[int, ...], lower: ArrayLike, upper: ArrayLike, unit: str = ""
+    ) -> Expression:
+        """A block of integer variables with finite bounds, as an array of scalars.
+
+        Raises:
+            ValueError: A bound is infinite.
+        """
+        self._check_new(name, self.variables)
+        low, high = bounds_of(f"{self.name}: variable {name!r}", lower, upper, shape)
+        if not (np.isfinite(low).all() and np.isfinite(high).all()):
+            raise ValueError(f"{self.name}: variable {name!r}: finite bounds expected of integers")
+        self.variables[name] = Variable(name, shape, len(self._x), low, high, unit, integer=True)
         return self._symbols(name, shape, self._x)
 
     def parameter(self, name: str, shape: tuple[int, ...]) -> Expression:
@@ -242,6 +293,43 @@ class Program:
         numbers = np.asarray(radius, float)
         radii = broadcast(f"{self.name}: block {name!r}: radius", numbers, tuple(shape)).ravel()
         block = BallBlock(name, tuple(shape), _flatten(entries), dimension, radii, unit)
+        self._balls.append(block)
+        self._compiled = None
+
+    def cone(
+        self,
+        name: str,
+        vectors: Expression | AffineArray,
+        limits: Expression | AffineArray,
+        unit: str = "",
+    ) -> None:
+        """|| vectors[k] ||_2 <= limits[k] along the last axis: general second-order cones.
+
+        Args:
+            name: Name of the block.
+            vectors: (..., d) affine in the variables.
+            limits: (...) affine in the variables.
+            unit: Unit of both.
+
+        Raises:
+            ValueError: The shapes do not fit.
+        """
+        entries, bounds = self._entries(name, vectors), self._entries(name, limits)
+        *shape, dimension = entries.shape
+        if bounds.shape != tuple(shape):
+            raise ValueError(
+                f"{self.name}: block {name!r}: limits of shape {tuple(shape)} expected, one for "
+                f"each vector, got {bounds.shape}"
+            )
+        block = BallBlock(
+            name,
+            tuple(shape),
+            _flatten(entries),
+            dimension,
+            np.zeros(math.prod(shape)),
+            unit,
+            _flatten(bounds),
+        )
         self._balls.append(block)
         self._compiled = None
 

@@ -94,7 +94,15 @@ def extend_instance(instance: Instance, extension: Extension) -> Instance:
         row_lower=np.concatenate([instance.row_lower, extension.row_lower]),
         row_upper=np.concatenate([instance.row_upper, extension.row_upper]),
         Q=sparse.vstack([instance.Q, Q]).tocsr(),
-        balls=tuple(Balls(append_columns(b.F, k), b.f, b.radius) for b in instance.balls),
+        balls=tuple(
+            Balls(
+                append_columns(b.F, k),
+                b.f,
+                b.radius,
+                None if b.slope is None else append_columns(b.slope, k),
+            )
+            for b in instance.balls
+        ),
         choices=tuple(
             Choice(c.name, append_columns(c.E, k), c.e, c.alternatives) for c in instance.choices
         ),

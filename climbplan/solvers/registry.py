@@ -153,6 +153,7 @@ def _create_convex_loader(backend: Literal["daqp", "clarabel", "osqp"]) -> Calla
 _DISJUNCTIVE = frozenset({"balls", "choices"})
 _BILINEAR = _DISJUNCTIVE | {"integers", "implications", "products"}
 _EVERYTHING = _BILINEAR | {"smooth"}
+_CONIC = frozenset({"cones", "integers beyond 0 and 1"})
 
 BACKENDS = {
     backend.name: backend
@@ -162,7 +163,7 @@ BACKENDS = {
             module="daqp",
             distribution="daqp",
             install="pip install daqp",
-            accepts=_BILINEAR,
+            accepts=_BILINEAR | _CONIC,
             load=_load_branch_and_bound,
             load_knowing=_load_branch_and_bound,
             purpose="postures: own tree with DAQP nodes; compiled tree over integers and in space",
@@ -199,7 +200,7 @@ BACKENDS = {
             module="highspy",
             distribution="highspy",
             install="pip install highspy",
-            accepts=frozenset({"balls", "integers"}),
+            accepts=frozenset({"balls", "integers"}) | _CONIC,
             load=_load_highs,
             purpose="mccormick and admm; quadratic costs by outer approximation",
         ),
@@ -208,7 +209,7 @@ BACKENDS = {
             module="pyscipopt",
             distribution="PySCIPOpt",
             install="pip install PySCIPOpt",
-            accepts=_BILINEAR,
+            accepts=_BILINEAR | _CONIC,
             load=_load_minlp_scip,
             purpose="whole statements, products branched on in space; fallback of knn",
         ),
@@ -267,7 +268,7 @@ BACKENDS = {
             module="clarabel",
             distribution="clarabel",
             install="pip install clarabel",
-            accepts=frozenset({"balls"}),
+            accepts=frozenset({"balls", "cones"}),
             load=_create_convex_loader("clarabel"),
             purpose="convex programs with exact cones, pinned programs",
         ),

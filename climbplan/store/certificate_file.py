@@ -111,6 +111,8 @@ def _write_instance(group: h5py.Group, instance: Instance) -> None:
         subgroup = group.create_group(f"balls/{k:06d}")
         _write_sparse(subgroup, "F", balls.F)
         write_datasets(subgroup, _BALLS, vars(balls))
+        if balls.slope is not None:
+            _write_sparse(subgroup, "slope", balls.slope)
     for k, choice in enumerate(instance.choices):
         subgroup = group.create_group(f"choices/{k:06d}")
         write_text(subgroup, "name", choice.name)
@@ -237,7 +239,11 @@ def _read_balls(reader: Reader, name: str, n: int) -> Iterator[Balls]:
             array_name: reader.array(f"{member}/{array_name}", on)
             for array_name, on in _BALLS.items()
         }
-        yield Balls(F=_read_sparse(reader, f"{member}/F", (arrays["f"].size, n)), **arrays)
+        F = _read_sparse(reader, f"{member}/F", (arrays["f"].size, n))
+        slope = None
+        if "slope" in reader.root[member]:
+            slope = _read_sparse(reader, f"{member}/slope", (len(arrays["radius"]), n))
+        yield Balls(F=F, slope=slope, **arrays)
 
 
 def _read_choices(reader: Reader, name: str, n: int) -> Iterator[Choice]:

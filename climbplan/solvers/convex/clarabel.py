@@ -118,11 +118,15 @@ def _build_conic_program(instance: Instance) -> _QuadraticConicProgram:
     ]
     for balls in instance.balls:
         K, d = balls.f.shape
-        # The d rows of every ball follow one without entries, for its radius
+        # The d rows of every ball follow the one of its radius
         entry = sparse.coo_matrix(balls.F)
         row = entry.row + entry.row // d + 1
         shape = (K * (d + 1), n)
-        blocks.append(sparse.csr_matrix((-entry.data, (row, entry.col)), shape=shape))
+        block = sparse.csr_matrix((-entry.data, (row, entry.col)), shape=shape)
+        if balls.slope is not None:
+            limit = sparse.coo_matrix(balls.slope)
+            block += sparse.csr_matrix((-limit.data, (limit.row * (d + 1), limit.col)), shape=shape)
+        blocks.append(block)
         right_sides.append(np.column_stack([balls.radius, balls.f]).ravel())
         cones += [clarabel.SecondOrderConeT(d + 1)] * K
     P = sparse.triu(instance.P, format="csc")

@@ -45,6 +45,11 @@ def create_session(backend: ConvexBackend, iterations: int | None = None) -> Con
     raise UsageError(f"unknown convex solver {backend!r}: expected daqp, clarabel or osqp")
 
 
+def _takes_cones(backend: ConvexBackend | ConvexSession) -> bool:
+    """Return whether a backend supports radii that depend on the variables."""
+    return backend == "clarabel" or type(backend).__name__ == "ClarabelSession"
+
+
 def solve_convex(
     instance: Instance,
     backend: ConvexBackend | ConvexSession = "clarabel",
@@ -62,7 +67,8 @@ def solve_convex(
     Raises:
         UsageError: The instance is not convex, or has balls that the backend does not support.
     """
-    unsupported = instance.features - {"balls"}
+    supported = {"balls", "cones"} if _takes_cones(backend) else {"balls"}
+    unsupported = instance.features - supported
     if unsupported:
         raise UsageError(
             f"{instance.name}: {', '.join(sorted(unsupported))} left, pin or relax first"

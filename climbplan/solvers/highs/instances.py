@@ -79,7 +79,8 @@ def solve_highs(
     Raises:
         UsageError: The instance has other features and has to be reformulated first.
     """
-    unsupported = instance.features - {"integers", "balls"}
+    supported = {"integers", "balls", "cones", "integers beyond 0 and 1"}
+    unsupported = instance.features - supported
     if unsupported:
         raise UsageError(
             f"{instance.name}: highs cannot hold {', '.join(sorted(unsupported))}: "
@@ -218,11 +219,14 @@ class _OuterApproximation:
         for balls in self.instance.balls:
             v = balls.vectors(x)
             length = np.linalg.norm(v, axis=1)
-            violated = np.flatnonzero((length > balls.radius) & (length > 0))
+            violated = np.flatnonzero((length > balls.limits(x)) & (length > 0))
             d = v.shape[1]
             for k in violated:
                 direction = v[k] / length[k]
-                row = sparse.csr_matrix(-direction @ balls.F[k * d : (k + 1) * d].toarray())
+                normal = -direction @ balls.F[k * d : (k + 1) * d].toarray()
+                if balls.slope is not None:
+                    normal += balls.slope[[k]].toarray()[0]
+                row = sparse.csr_matrix(normal)
                 blocks.append(
                     sparse.csr_matrix((row.data, row.indices, row.indptr), shape=(1, self.size))
                 )

@@ -239,7 +239,7 @@ def _build_bounds(box: CertificateBox, free: IntArray) -> _InequalityRows:
 def _build_balls(
     instance: Instance, free: IntArray, fixed: Array
 ) -> tuple[sparse.csr_matrix, Array, Array, IntArray]:
-    """Build (radius, F x + f) of every ball as b - A v.
+    """Build (radius + slope x, F x + f) of every ball as b - A v.
 
     Returns:
         A, b, a mask of the rows of radii, and the cone dimension of each ball.
@@ -250,12 +250,15 @@ def _build_balls(
         count, d = balls.f.shape
         vector_rows = (np.arange(count * d) // d) * (d + 1) + 1 + np.arange(count * d) % d
         F = sparse.coo_matrix(balls.F)
-        A.append(
-            sparse.csr_matrix((-F.data, (vector_rows[F.row], F.col)), (count * (d + 1), len(fixed)))
-        )
+        shape = (count * (d + 1), len(fixed))
+        block = sparse.csr_matrix((-F.data, (vector_rows[F.row], F.col)), shape)
+        if balls.slope is not None:
+            G = sparse.coo_matrix(balls.slope)
+            block += sparse.csr_matrix((-G.data, (G.row * (d + 1), G.col)), shape)
+        A.append(block)
         values = np.zeros(count * (d + 1))
         values[vector_rows] = balls.vectors(fixed[:n]).ravel()
-        values[:: d + 1] = balls.radius
+        values[:: d + 1] = balls.limits(fixed[:n])
         b.append(values)
         radius_mask.append((np.arange(count * (d + 1)) % (d + 1) == 0).astype(float))
         sizes += [d + 1] * count

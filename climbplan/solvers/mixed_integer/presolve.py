@@ -213,7 +213,6 @@ def _assemble_program(
     M, norm = _scale_rows(_express_over_v(cost, stack.R))
     value_at_u = -(M @ cost.u)  # value at v = 0, by unit of v
     low, high = space.lower[space.independent], space.upper[space.independent]
-    ball_rows, ball, radius = _build_balls(instance, space.X, space.start)
     numbers = ProblemData(
         lower=stack.low / norm - value_at_u,
         upper=stack.high / norm - value_at_u,
@@ -240,9 +239,7 @@ def _assemble_program(
         g=cost.g,
         constant=cost.constant,
         max_cost=compute_max_cost(cost.H, cost.g, cost.constant, low, high),
-        ball_rows=ball_rows,
-        ball=ball,
-        radius=radius,
+        **_build_balls(instance, space.X, space.start),
         spatial=numbering.spatial,
     )
     return MixedIntegerProgram(
@@ -262,20 +259,26 @@ def _assemble_program(
     )
 
 
-def _build_balls(instance: Instance, X: Array, start: Array) -> tuple[Array, Array, Array]:
-    """Return all balls over w: rows (B, D, k), centers (B, D), radii (B,)."""
+def _build_balls(instance: Instance, X: Array, start: Array) -> dict[str, Array]:
+    """Return all balls over w: rows (B, D, k), centers (B, D), radii (B,) and slopes (B, k).
+
+    The keys are the fields of `ProblemData`.
+    """
     n, k = instance.size, X.shape[1]
     count = sum(balls.count for balls in instance.balls)
     width = max((balls.f.shape[1] for balls in instance.balls if balls.count), default=0)
     rows, center, radius = np.zeros((count, width, k)), np.zeros((count, width)), np.zeros(count)
+    slope = np.zeros((count, k))
     begin = 0
     for balls in instance.balls:
         span, d = slice(begin, begin + balls.count), balls.f.shape[1]
         rows[span, :d] = (balls.F @ X[:n]).reshape(balls.count, d, k)
         center[span, :d] = balls.vectors(start[:n])
-        radius[span] = balls.radius
+        radius[span] = balls.limits(start[:n])
+        if balls.slope is not None:
+            slope[span] = balls.slope @ X[:n]
         begin += balls.count
-    return rows, center, radius
+    return {"ball_rows": rows, "ball": center, "radius": radius, "slope": slope}
 
 
 def _find_groups(form: IndicatorForm, number: IntArray) -> IntArray:

@@ -43,9 +43,10 @@ class ProblemData(NamedTuple):
     g: Array  # (k,)
     constant: float
     max_cost: float  # upper bound on the cost over the box
-    ball_rows: Array  # (B, D, k) |ball_rows w + ball| <= radius, padded with zeros
+    ball_rows: Array  # (B, D, k) |ball_rows w + ball| <= radius + slope w, padded with zeros
     ball: Array  # (B, D)
     radius: Array  # (B,)
+    slope: Array  # (B, k)
     spatial: Spatial  # products; their factors are entities numbered after the integers
 
 

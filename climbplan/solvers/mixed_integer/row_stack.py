@@ -242,11 +242,12 @@ def _drop_redundant(
     low, high = np.concatenate(rows.low) - base, np.concatenate(rows.high) - base
     activation = np.concatenate(rows.activation).astype(np.int8)
     minimum, maximum = _compute_extremes(R, space)
-    size = 1e-10 * np.maximum(1.0, np.maximum(np.abs(minimum), np.abs(maximum)))
-    is_violated = (minimum > high + _OUTSIDE + size) | (maximum < low - _OUTSIDE - size)
+    # Each side has its own rounding error: an open variable makes that of one side huge
+    below, above = (1e-10 * np.maximum(1.0, np.abs(extreme)) for extreme in (minimum, maximum))
+    is_violated = (minimum > high + _OUTSIDE + below) | (maximum < low - _OUTSIDE - above)
     if (is_violated & (activation == ALWAYS)).any():
         return None
-    is_kept = ~((minimum >= low - size) & (maximum <= high + size))
+    is_kept = ~((minimum >= low - below) & (maximum <= high + above))
     is_kept[space.inside] = True
     is_kept[: len(space.columns)] |= form.integer[space.columns]
     is_kept[num_plain : num_plain + len(form.indicator)] = True

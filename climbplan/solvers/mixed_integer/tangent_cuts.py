@@ -1,6 +1,6 @@
-"""Outer approximation of norm constraints (balls) by tangent half-spaces.
+"""Outer approximation of norm constraints (balls and cones) by tangent half-spaces.
 
-A tangent is valid for every point of the ball, so it is valid in the whole tree (Duran and
+A tangent is valid for every point of the cone, so it is valid in the whole tree (Duran and
 Grossmann 1986).
 """
 
@@ -14,10 +14,19 @@ from climbplan.solvers.mixed_integer.problem_data import ALWAYS, ProblemData
 
 
 @compiled
+def _compute_limit(n: ProblemData, s: SearchState, b: int) -> float:
+    """Return radius + slope w of a ball at s.w."""
+    limit = n.radius[b]
+    for j in range(len(s.u)):
+        limit += n.slope[b, j] * s.w[j]
+    return limit
+
+
+@compiled
 def _add_tangent_cuts(n: ProblemData, s: SearchState, tolerance: float) -> int:
     """Add the tangent at s.w of every violated ball; return their number, -1 if rows are exhausted.
 
-    With a = (F w + f) / |F w + f|, every w' satisfies a'(F w' + f) <= |F w' + f| <= radius.
+    With a = (F w + f) / |F w + f|, every w' satisfies a'(F w' + f) <= |F w' + f| <= radius + g'w'.
     """
     k, added = len(s.u), 0
     for b in range(len(n.radius)):
@@ -30,13 +39,15 @@ def _add_tangent_cuts(n: ProblemData, s: SearchState, tolerance: float) -> int:
                 vector[d] += line[j] * s.w[j]
             length += vector[d] * vector[d]
         length = np.sqrt(length)
-        if length - n.radius[b] <= tolerance:
+        if length - _compute_limit(n, s, b) <= tolerance:
             continue
+        length = max(length, 1e-300)
         r = s.rows.num_used[0]
         if r >= len(n.activation):
             return -1
         row = s.rows.M[r]
-        row[:] = 0.0
+        for j in range(k):
+            row[j] = -n.slope[b, j]
         right_side = n.radius[b]
         for d in range(len(vector)):
             direction = vector[d] / length
@@ -82,5 +93,5 @@ def _max_ball_violation(n: ProblemData, s: SearchState) -> float:
             for j in range(len(s.u)):
                 value += line[j] * s.w[j]
             length += value * value
-        worst = max(worst, np.sqrt(length) - n.radius[b])
+        worst = max(worst, np.sqrt(length) - _compute_limit(n, s, b))
     return worst

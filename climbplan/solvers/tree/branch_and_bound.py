@@ -60,7 +60,7 @@ def solve_branch_and_bound(
             machine.
         proposals: Assignments to try first.
     """
-    if instance.features & {"integers", "implications", "products"}:
+    if instance.features & {"integers", "implications", "products", "cones"}:
         return _load_compiled_tree(instance, nodes)(
             instance, gap, time_limit, tolerance, known_result=known_result, proposals=proposals
         )
@@ -96,12 +96,23 @@ def solve_branch_and_bound(
     return judge_answer(instance, answer, gap, tolerance)
 
 
+def _is_conic(instance: Instance) -> bool:
+    """Return whether only integers are beyond a convex program with second-order cones."""
+    beyond = instance.features & {"choices", "implications", "products"}
+    return "cones" in instance.features and not beyond
+
+
 def _load_compiled_tree(instance: Instance, nodes: float) -> Callable[..., SolverResult]:
     """Load the compiled tree for an instance with integers or products, with a limit of nodes."""
     from climbplan.solvers.mixed_integer.method import solve_mixed_integer
     from climbplan.solvers.mixed_integer.nodes import UNLIMITED
+    from climbplan.solvers.mixed_integer.outer_approximation import solve_conic
     from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
 
+    if _is_conic(instance):  # which takes neither proposals nor known results
+        return lambda instance, gap, time_limit, tolerance, **_: solve_conic(
+            instance, gap, time_limit, tolerance
+        )
     solve = solve_spatial if instance.products.count else solve_mixed_integer
     return partial(solve, nodes=int(nodes) if np.isfinite(nodes) else UNLIMITED)
 

@@ -1,0 +1,315 @@
+"""`climbplan.CVXPY`: problems of CVXPY, solved by the built-in branch and bound.
+
+    problem.solve(solver=climbplan.CVXPY(gap=1e-4))
+
+Mixed-integer linear and convex quadratic programs, also with second-order cones. Problems without
+integers are solved by Clarabel, with dual values.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import clarabel
+import numpy as np
+from cvxpy import settings
+from cvxpy.error import SolverError
+from cvxpy.reductions.solution import Solution, failure_solution
+from cvxpy.reductions.solvers import utilities
+from cvxpy.reductions.solvers.conic_solvers.conic_solver import ConicSolver
+from scipy import sparse
+
+from climbplan.api.ctrl_c import ctrl_c_insists
+from climbplan.arrays import Array
+from climbplan.certificates.certificate import Certificate
+from climbplan.errors import UsageError
+from climbplan.program.cvxpy_form import NAME, ConicForm, build_conic_instance
+from climbplan.program.instance import Instance
+from climbplan.solvers.mixed_integer.cost import Unbounded
+from climbplan.solvers.mixed_integer.level_set import UnboundedRelaxation, bound_variables
+from climbplan.solvers.mixed_integer.method import WarmStartedTree
+from climbplan.solvers.mixed_integer.outer_approximation import ConicSearch, solve_conic
+from climbplan.solvers.result import FEASIBILITY, SolverResult, relative_gap
+from climbplan.store.certificate_file import write_certificates
+from climbplan.store.certified import CertifiedRow, CertifiedRows
+
+_SPEC = "kind: program\nsolver: {{gap: {gap:g}}}\n"  # of a certificate file
+_CONTINUOUS = {
+    clarabel.SolverStatus.Solved: settings.OPTIMAL,
+    clarabel.SolverStatus.AlmostSolved: settings.OPTIMAL_INACCURATE,
+    clarabel.SolverStatus.PrimalInfeasible: settings.INFEASIBLE,
+    clarabel.SolverStatus.AlmostPrimalInfeasible: settings.INFEASIBLE_INACCURATE,
+    clarabel.SolverStatus.DualInfeasible: settings.UNBOUNDED,
+    clarabel.SolverStatus.AlmostDualInfeasible: settings.UNBOUNDED_INACCURATE,
+    clarabel.SolverStatus.MaxIterations: settings.USER_LIMIT,
+    clarabel.SolverStatus.MaxTime: settings.USER_LIMIT,
+}
+
+
+@dataclass(frozen=True)
+class SolverSettings:
+    """Settings of `CVXPY`, each also an option of `problem.solve`."""
+
+    gap: float = 1e-4  # relative, to prove
+    absolute_gap: float = 1e-7  # in the unit of the objective, which is enough as well
+    time_limit: float = np.inf  # [s]
+    tolerance: float = FEASIBILITY  # largest violation of a row
+    certificate: str | Path | None = None  # file for the proof of the bound
+
+    def update(self, options: Mapping[str, Any]) -> SolverSettings:
+        """Return the settings with options of one call.
+
+        Raises:
+            SolverError: An option is not known.
+        """
+        option_names = {field.name for field in fields(self)}
+        options_given = {key: value for key, value in options.items() if key != "use_quad_obj"}
+        if unknown := sorted(set(options_given) - option_names):
+            raise SolverError(
+                f"{NAME}: no option {', '.join(unknown)}: expected some of "
+                + ", ".join(sorted(option_names))
+            )
+        return replace(self, **options_given)
+
+
+class CVXPY(ConicForm):
+    """A solver object for `problem.solve(solver=...)` of CVXPY.
+
+    The status is `optimal` where the gap is proved, `user_limit` with an incumbent at a limit, and
+    `infeasible` where that is proved. `problem.solver_stats.extra_stats` has `bound` and `gap`
+    (of the minimisation, so of the negated objective of a maximisation), `nodes`, `status` and
+    `certificate`. A problem with parameters (DPP) that is solved again starts from the last tree;
+    each answer has its own proof. Variables without bounds get those of an incumbent's level set.
+
+    Args:
+        options: Fields of `SolverSettings`: gap, absolute_gap, time_limit [s], tolerance,
+            certificate. Options of `problem.solve` override them.
+
+    Raises:
+        SolverError: An option is not known.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        self.settings = SolverSettings().update(options)
+
+    def __eq__(self, solver: object) -> bool:
+        """Return whether CVXPY may reuse what it has prepared for another object."""
+        return isinstance(solver, CVXPY) and solver.settings == self.settings
+
+    def __hash__(self) -> int:
+        return hash(self.settings)
+
+    def solve_via_data(
+        self,
+        data: dict[str, Any],
+        warm_start: bool,
+        verbose: bool,
+        solver_opts: dict[str, Any],
+        solver_cache: dict[str, Any] | None = None,
+    ) -> Solution:
+        """Solve the numbers of a problem; CVXPY calls this.
+
+        Args:
+            data: What `apply` returned.
+            warm_start: Whether to start from the tree of the last solve.
+            verbose: Whether to print the log.
+            solver_opts: Options of this call.
+            solver_cache: Trees of the problem.
+
+        Raises:
+            SolverError: An option is not known, or the problem has no bounds where the tree needs
+                them.
+        """
+        chosen = self.settings.update(solver_opts)
+        if not data[settings.BOOL_IDX] and not data[settings.INT_IDX]:
+            if chosen.certificate is not None:
+                raise SolverError(f"{NAME}: certificates are made of problems with integers")
+            return _solve_continuous(data, chosen, verbose)
+        begin = time.perf_counter()
+        cache = {} if solver_cache is None or not warm_start else solver_cache
+        with ctrl_c_insists():
+            solved = _solve_integers(build_conic_instance(data, "cvxpy"), chosen, cache)
+        if chosen.certificate is not None:
+            _write_certificate(solved, chosen)
+        if verbose:
+            print("\n".join(solved.result.log))
+        return _build_solution(solved, chosen, time.perf_counter() - begin)
+
+    def invert(self, solution: Solution, inverse_data: Any) -> Solution:
+        """Map a solution over columns back to the problem's variables and constraints."""
+        primal = solution.primal_vars
+        if solution.status not in settings.SOLUTION_PRESENT or primal is None:
+            return failure_solution(solution.status, solution.attr)
+        duals: dict[Any, Any] = {}
+        if solution.dual_vars is not None:
+            z, num_equations = solution.dual_vars["z"], inverse_data[ConicSolver.DIMS].zero
+            for multipliers, kind in (
+                (z[:num_equations], "EQ_CONSTR"),
+                (z[num_equations:], "NEQ_CONSTR"),
+            ):
+                constraints = inverse_data[getattr(self, kind)]
+                duals |= utilities.get_dual_values(
+                    multipliers, utilities.extract_dual_value, constraints
+                )
+        columns = {inverse_data[self.VAR_ID]: primal["x"]}
+        return Solution(solution.status, solution.opt_val, columns, duals, solution.attr)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    """The bounded instance, its result, and its proof."""
+
+    instance: Instance
+    result: SolverResult
+    certificate: Certificate | None = None
+
+
+def _solve_integers(instance: Instance, chosen: SolverSettings, cache: dict[str, Any]) -> _Solved:
+    """Solve by the tree of the last solve where there is one of the same shape.
+
+    Raises:
+        SolverError: A direction without cost is not bounded.
+    """
+    begin = time.perf_counter()
+    try:
+        # A certificate bounds the cost over a box, so all its sides have to be finite
+        without_proof = chosen.certificate is None
+        bounded = bound_variables(
+            instance, integers_only=without_proof, time_limit=chosen.time_limit
+        )
+        if bounded is None:
+            return _Solved(instance, _build_infeasible(begin))
+        try:
+            return _run_tree(bounded, chosen, cache, begin)
+        except Unbounded:
+            bounded = bound_variables(bounded, integers_only=False, time_limit=chosen.time_limit)
+        if bounded is None:
+            return _Solved(instance, _build_infeasible(begin))
+        return _run_tree(bounded, chosen, cache, begin)
+    except UnboundedRelaxation as error:
+        result = _build_infeasible(begin)
+        return _Solved(instance, replace(result, status="limit", bound=-np.inf, log=(str(error),)))
+    except UsageError as error:
+        raise SolverError(f"{NAME}: {error}") from error
+
+
+def _run_tree(
+    instance: Instance, chosen: SolverSettings, cache: dict[str, Any], begin: float
+) -> _Solved:
+    """Search an instance, all of whose integers are bounded."""
+    proves = chosen.certificate is not None
+    rows = np.isfinite(np.stack([instance.row_lower, instance.row_upper])).tobytes()
+    cones = [balls.f.shape for balls in instance.balls]
+    key = (chosen, rows, str(cones), instance.integer.tobytes(), instance.A.indices.tobytes())
+    shape, search = cache.get(NAME, (None, None))
+    if shape != key:
+        search = (
+            ConicSearch(chosen.gap, chosen.tolerance)
+            if instance.balls and not proves
+            else WarmStartedTree(chosen.gap, chosen.tolerance, proves=proves)
+        )
+        cache[NAME] = key, search
+    time_left = max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
+    result = search.solve(instance, time_left)
+    if result.status in ("feasible", "limit") and not proves and not instance.P.count_nonzero():
+        # Nodes of a linear cost may stay open by rounding errors; HiGHS closes them
+        time_left = max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
+        result = solve_conic(instance, chosen.gap, time_left, chosen.tolerance)
+    return _Solved(instance, result, search.certificate if proves else None)
+
+
+def _build_infeasible(begin: float) -> SolverResult:
+    """Return the result where no point is feasible before any search."""
+    duration = time.perf_counter() - begin
+    log = ("infeasible: the relaxation has no point",)
+    return SolverResult("infeasible", None, None, None, np.inf, None, 0, duration, NAME, log)
+
+
+def _build_solution(solved: _Solved, chosen: SolverSettings, duration: float) -> Solution:
+    """Build what CVXPY reports."""
+    result = solved.result
+    statistics = {
+        "bound": result.bound,
+        "gap": result.gap,
+        "nodes": result.nodes,
+        "status": result.status,
+        "certificate": solved.certificate,
+    }
+    attributes = {
+        settings.SOLVE_TIME: duration,
+        settings.NUM_ITERS: result.nodes,
+        settings.EXTRA_STATS: statistics,
+    }
+    if result.x is None or result.objective is None:
+        status = settings.INFEASIBLE if result.status == "infeasible" else settings.SOLVER_ERROR
+        if result.status == "limit" and result.solver == NAME:
+            status = settings.INFEASIBLE_OR_UNBOUNDED
+        return Solution(status, None, None, None, attributes)
+    is_close = result.objective - result.bound <= chosen.absolute_gap
+    status = settings.OPTIMAL if result.status == "optimal" or is_close else settings.USER_LIMIT
+    return Solution(status, result.objective, {"x": result.x}, None, attributes)
+
+
+def _solve_continuous(data: Mapping[str, Any], chosen: SolverSettings, verbose: bool) -> Solution:
+    """Solve a problem without integers by Clarabel, on CVXPY's own rows, which give the duals."""
+    q = np.asarray(data[settings.C], float).ravel()
+    P = data.get(settings.P)
+    P = sparse.csc_matrix((len(q), len(q))) if P is None else sparse.triu(P, format="csc")
+    dims = data[ConicSolver.DIMS]
+    cones: list[Any] = [clarabel.ZeroConeT(dims.zero), clarabel.NonnegativeConeT(dims.nonneg)]
+    cones += [clarabel.SecondOrderConeT(int(size)) for size in dims.soc]
+    options = clarabel.DefaultSettings()
+    options.verbose = verbose
+    if np.isfinite(chosen.time_limit):
+        options.time_limit = chosen.time_limit
+    A, b = sparse.csc_matrix(data[settings.A]), np.asarray(data[settings.B], float)
+    answer = clarabel.DefaultSolver(P, q, A, b, cones, options).solve()
+    constant = float(data[settings.OFFSET])
+    value, bound = answer.obj_val + constant, answer.obj_val_dual + constant
+    statistics = {"bound": bound, "gap": relative_gap(value, bound), "status": str(answer.status)}
+    attributes = {
+        settings.SOLVE_TIME: answer.solve_time,
+        settings.NUM_ITERS: answer.iterations,
+        settings.EXTRA_STATS: statistics,
+    }
+    status = _CONTINUOUS.get(answer.status, settings.SOLVER_ERROR)
+    x: Array = np.array(answer.x)
+    return Solution(status, value, {"x": x}, {"z": np.array(answer.z)}, attributes)
+
+
+def _write_certificate(solved: _Solved, chosen: SolverSettings) -> None:
+    """Write the proof of a bound, which `climbplan verify` checks without a solver.
+
+    Raises:
+        SolverError: There is no proof, or the file cannot be written.
+    """
+    if solved.certificate is None or chosen.certificate is None:
+        raise SolverError(f"{NAME}: no certificate: the relaxation alone is infeasible")
+    result, text = solved.result, _SPEC.format(gap=chosen.gap)
+    row = CertifiedRow(
+        parameters=np.zeros(0),
+        instance=solved.instance,
+        certificate=solved.certificate,
+        status=result.status,
+        x=result.x,
+        assignment=result.assignment,
+    )
+    certified = CertifiedRows(
+        name="cvxpy",
+        spec_text=text,
+        spec_sha256=hashlib.sha256(text.encode()).hexdigest(),
+        seed=0,
+        problem="cvxpy",
+        gap=chosen.gap,
+        tolerance=chosen.tolerance,
+        rows=(row,),
+    )
+    try:
+        write_certificates(certified, Path(chosen.certificate))
+    except UsageError as error:
+        raise SolverError(f"{NAME}: {error}") from error

@@ -1,0 +1,146 @@
+"""Bounds for variables without bounds, from the level set of an incumbent.
+
+Branch and bound needs bounds of integers, and of directions in which the cost is flat. Every point
+that is as good as an incumbent of cost v lies in {x: cost(x) <= v} within the continuous
+relaxation. The extremes of a variable over this set are convex programs, and restrict no optimum.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy import sparse
+
+from climbplan.arrays import Array, BoolArray
+from climbplan.errors import UsageError
+from climbplan.program.box import propagate_box
+from climbplan.program.instance import Balls, Instance
+from climbplan.solvers.convex.clarabel import ClarabelSession
+from climbplan.solvers.mixed_integer.method import solve_mixed_integer
+from climbplan.solvers.result import Answer
+from climbplan.solvers.separable_cost import factor_cost
+
+_RADII = (3.0, 30.0, 1000.0, 30_000.0)  # around the relaxation, within which incumbents are sought
+_SLACK = 1e-6  # relative: by which level sets and extremes are widened against rounding
+_LARGEST = 1e6  # bounds beyond are not taken: the relaxation of such a box proves nothing
+
+
+class UnboundedRelaxation(UsageError):
+    """Report that the continuous relaxation has no solution, and is not infeasible."""
+
+
+def relax_integers(instance: Instance) -> Instance:
+    """Return the instance with continuous variables only."""
+    return replace(instance, integer=np.zeros(instance.size, bool))
+
+
+def bound_variables(
+    instance: Instance, *, integers_only: bool, time_limit: float = np.inf
+) -> Instance | None:
+    """Return the instance with finite bounds of its variables; None if no point is feasible.
+
+    Args:
+        instance: Convex instance with integers, without choices and products.
+        integers_only: Whether continuous variables may stay without bounds.
+        time_limit: Time limit [s] of the search for an incumbent.
+
+    Raises:
+        UnboundedRelaxation: The relaxation has no solution.
+        UsageError: No incumbent is found near its solution, or a
+            variable has no bound in the level set.
+    """
+    box = propagate_box(instance)
+    if (box.lower > box.upper).any():
+        return None
+    is_open = ~(np.isfinite(box.lower) & np.isfinite(box.upper))
+    selected = is_open & instance.integer if integers_only else is_open
+    if not selected.any():
+        return instance
+    relaxed = relax_integers(instance)
+    relaxation = ClarabelSession().solve(relaxed)
+    if relaxation.infeasible:
+        return None
+    if relaxation.x is None:
+        raise UnboundedRelaxation(
+            f"{instance.name}: its relaxation has no solution ({relaxation.log[-1]})"
+        )
+    cost = _find_cost(instance, relaxation.x, is_open, time_limit)
+    level = _build_level_set(relaxed, cost)
+    lower, upper = instance.lower.copy(), instance.upper.copy()
+    session = ClarabelSession()
+    for j in map(int, np.flatnonzero(selected)):
+        low, high = (_find_extreme(session, level, j, sign) for sign in (1.0, -1.0))
+        lower[j], upper[j] = max(lower[j], low), min(upper[j], high)
+    return replace(instance, lower=lower, upper=upper)
+
+
+def _find_cost(instance: Instance, x: Array, is_open: BoolArray, time_limit: float) -> float:
+    """Return the cost of a point near the relaxation's solution.
+
+    Raises:
+        UsageError: There is none.
+    """
+    for radius in _RADII:
+        neighbourhood = replace(
+            instance,
+            lower=np.where(
+                is_open, np.maximum(instance.lower, np.floor(x - radius)), instance.lower
+            ),
+            upper=np.where(
+                is_open, np.minimum(instance.upper, np.ceil(x + radius)), instance.upper
+            ),
+        )
+        result = solve_mixed_integer(neighbourhood, gap=0.1, time_limit=time_limit)
+        if result.objective is not None:
+            return result.objective
+    raise UsageError(
+        f"{instance.name}: no point was found near the relaxation, from which bounds follow: "
+        "give the integer variables bounds"
+    )
+
+
+def _build_level_set(instance: Instance, cost: float) -> Instance:
+    """Return the instance with cost(x) <= cost, as a row or a second-order cone.
+
+    With the cost 1/2 |u|^2 + s'x + c and t = cost - c - s'x it is |(u, t - 1/2)| <= t + 1/2.
+    """
+    squares = factor_cost(instance)
+    top = cost + _SLACK * max(1.0, abs(cost)) - squares.constant
+    slope = sparse.csr_matrix(squares.slope)
+    without_cost = replace(instance, P=sparse.csc_matrix(instance.P.shape), constant=0.0)
+    if not len(squares.offset):
+        return replace(
+            without_cost,
+            A=sparse.vstack([instance.A, slope]).tocsr(),
+            row_lower=np.append(instance.row_lower, -np.inf),
+            row_upper=np.append(instance.row_upper, top),
+            Q=sparse.csr_matrix((instance.A.shape[0] + 1, 0)),
+        )
+    cone = Balls(
+        F=sparse.vstack([squares.U, -slope]).tocsr(),
+        f=np.append(squares.offset, top - 0.5)[None],
+        radius=np.array([top + 0.5]),
+        slope=-slope,
+    )
+    return replace(without_cost, balls=(*instance.balls, cone))
+
+
+def _find_extreme(session: ClarabelSession, level: Instance, j: int, sign: float) -> float:
+    """Return the least value of a variable over the level set, or the largest for sign -1.
+
+    Raises:
+        UsageError: There is none.
+    """
+    direction = np.zeros(level.size)
+    direction[j] = sign
+    answer: Answer = session.solve(replace(level, q=direction))
+    if answer.x is None or abs(answer.x[j]) > _LARGEST:
+        raise UsageError(
+            f"{level.name}: variable {j} has no bound where the cost is low: give it bounds"
+        )
+    # The dual value bounds the extreme; the primal one may stop short of it
+    value = (
+        min(answer.bound, sign * answer.x[j]) if np.isfinite(answer.bound) else sign * answer.x[j]
+    )
+    return float(sign * (value - _SLACK * max(1.0, abs(value))))

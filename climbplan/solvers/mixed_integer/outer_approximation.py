@@ -1,0 +1,166 @@
+"""Mixed-integer programs with second-order cones by outer approximation (Duran, Grossmann 1986).
+
+A master program has tangents in place of the cones, and is solved by branch and bound, or by HiGHS
+where its cost is linear: its bound is valid. The convex program at its integers gives an incumbent.
+Both points give new tangents, those of the convex program's solution being all that its integers
+need. Costs that
+are flat along cones, as that of an epigraph, need this: nodes alone approach the tip of their cones
+slowly.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from scipy import sparse
+
+from climbplan.arrays import Array
+from climbplan.program.instance import Instance
+from climbplan.solvers.convex.clarabel import ClarabelSession
+from climbplan.solvers.highs.instances import solve_highs
+from climbplan.solvers.mixed_integer.method import solve_mixed_integer
+from climbplan.solvers.result import (
+    FEASIBILITY,
+    Answer,
+    SolverResult,
+    judge_answer,
+    relative_gap,
+)
+
+NAME = "branch-and-bound"
+_MAX_ROUNDS = 200
+_MASTER_GAP = 0.3  # fraction of the gap that master programs may leave
+_MASTER_TOLERANCE = 1e-6  # of rows at points that give integers and tangents only
+_ACTIVE = 1e-6  # relative distance from a cone's boundary within which it gets a tangent
+_MAX_POINTS = 60  # of tangents that are kept for the next program
+
+
+@dataclass
+class ConicSearch:
+    """Solves programs of one statement in turn, each with tangents at the points of the last."""
+
+    gap: float = 1e-4
+    tolerance: float = FEASIBILITY
+    points: list[Array] = field(default_factory=list)
+
+    def solve(self, instance: Instance, time_limit: float = np.inf) -> SolverResult:
+        """Find the global optimum of an instance with integers and cones, without products.
+
+        Args:
+            instance: The instance.
+            time_limit: Time limit [s].
+
+        Raises:
+            UsageError: A direction without cost is not bounded.
+        """
+        begin = time.perf_counter()
+        relaxation = ClarabelSession().solve(
+            replace(instance, integer=np.zeros(instance.size, bool))
+        )
+        if relaxation.x is not None:
+            self.points.append(relaxation.x)
+        incumbent: Array | None = None
+        best, bound, nodes, infeasible = np.inf, -np.inf, 0, relaxation.infeasible
+        num_rounds, completed, note = 0, set[bytes](), relaxation.log[-1]
+        while not infeasible and num_rounds < _MAX_ROUNDS:
+            num_rounds += 1
+            time_left = time_limit - (time.perf_counter() - begin)
+            if time_left <= 0:
+                break
+            result = self._solve_master(instance, time_left)
+            nodes += result.nodes
+            bound = max(bound, result.bound)
+            infeasible = result.status == "infeasible" and incumbent is None
+            if result.x is None:
+                note = result.log[-1] if result.log else result.status
+                break
+            completion = _complete(instance, result.x, completed)
+            trials = [result.x] if completion is None else [result.x, completion]
+            self.points += trials
+            for point in trials:
+                value = instance.objective(point)
+                if value < best and instance.violation(point) <= self.tolerance:
+                    incumbent, best = point, value
+            if relative_gap(best, bound) <= self.gap:
+                break
+        del self.points[:-_MAX_POINTS]
+        answer = Answer(
+            x=incumbent,
+            bound=np.inf if infeasible else bound,
+            infeasible=infeasible,
+            nodes=nodes,
+            time=time.perf_counter() - begin,
+            solver=NAME,
+            log=(note, f"{num_rounds} master programs, {nodes} nodes"),
+        )
+        return judge_answer(instance, answer, self.gap, self.tolerance)
+
+    def _solve_master(self, instance: Instance, time_limit: float) -> SolverResult:
+        """Solve the program with tangents at all points; its bound holds for the instance."""
+        solve = solve_mixed_integer if instance.P.count_nonzero() else solve_highs
+        tolerance = max(self.tolerance, _MASTER_TOLERANCE)
+        master = _replace_cones(instance, self.points)
+        return solve(master, _MASTER_GAP * self.gap, time_limit, tolerance)
+
+
+def solve_conic(
+    instance: Instance,
+    gap: float = 1e-4,
+    time_limit: float = np.inf,
+    tolerance: float = FEASIBILITY,
+) -> SolverResult:
+    """Find the global optimum of one instance by `ConicSearch`."""
+    return ConicSearch(gap, tolerance).solve(instance, time_limit)
+
+
+def _complete(instance: Instance, x: Array, completed: set[bytes]) -> Array | None:
+    """Return the best point with the integers of x; None if there is none, or it is known."""
+    fixed = np.round(x[instance.integer])
+    if fixed.tobytes() in completed:
+        return None
+    completed.add(fixed.tobytes())
+    lower, upper = instance.lower.copy(), instance.upper.copy()
+    lower[instance.integer] = upper[instance.integer] = fixed
+    no_integer = np.zeros(instance.size, bool)
+    fixed_instance = replace(instance, lower=lower, upper=upper, integer=no_integer)
+    return ClarabelSession().solve(fixed_instance).x
+
+
+def _replace_cones(instance: Instance, points: list[Array]) -> Instance:
+    """Return the instance with tangents of its cones at points as rows, in place of the cones.
+
+    With a = (F x + f) / |F x + f| every x' in the cone has a'(F x' + f) <= radius + slope x'.
+    """
+    blocks, ends = [sparse.csr_matrix(instance.A)], [instance.row_upper]
+    for balls in instance.balls:
+        count, d = balls.f.shape
+        for x in points:
+            vectors = balls.vectors(x)
+            length = np.linalg.norm(vectors, axis=1)
+            margin = _ACTIVE * np.maximum(1.0, length)
+            chosen = np.flatnonzero((length - balls.limits(x) > -margin) & (length > 1e-12))
+            if not len(chosen):
+                continue
+            normal = vectors[chosen] / length[chosen, None]  # (c, d)
+            places = (
+                np.repeat(np.arange(len(chosen)), d),
+                (chosen[:, None] * d + np.arange(d)).ravel(),
+            )
+            mixing = sparse.csr_matrix((normal.ravel(), places), shape=(len(chosen), count * d))
+            rows = sparse.csr_matrix(mixing @ balls.F)
+            if balls.slope is not None:
+                rows = rows - balls.slope[chosen]
+            blocks.append(sparse.csr_matrix(rows))
+            ends.append(balls.radius[chosen] - np.sum(normal * balls.f[chosen], axis=1))
+    rows = sparse.vstack(blocks).tocsr()
+    extra = rows.shape[0] - len(instance.row_lower)
+    return replace(
+        instance,
+        A=rows,
+        row_lower=np.append(instance.row_lower, np.full(extra, -np.inf)),
+        row_upper=np.concatenate(ends),
+        Q=sparse.csr_matrix((rows.shape[0], 0)),
+        balls=(),
+    )

@@ -1,0 +1,149 @@
+"""CVXPY problems by the built-in branch and bound, against SCIP, HiGHS and Clarabel."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import casadi as ca
+import cvxpy as cp
+import numpy as np
+import pytest
+
+import climbplan
+from climbplan.errors import UsageError
+from climbplan.store.certificate_file import read_certificates
+from climbplan.verification.certificates import verify_certificates
+
+COUNT = 8
+
+
+def random_problem(seed: int) -> Any:
+    """A mixed-integer program; even seeds have a quadratic cost, odd ones second-order cones."""
+    rng = np.random.default_rng(seed)
+    x, z = cp.Variable(3), cp.Variable(3, boolean=True)
+    y = cp.Variable(2, integer=True)
+    A, B = rng.normal(size=(4, 3)), rng.normal(size=(4, 2))
+    residual = A @ x + B @ y - rng.normal(size=4) * 2.0
+    rows = [cp.abs(x) <= 3.0 * z, cp.abs(y) <= 4, cp.sum(z) <= 2]
+    cost = cp.sum_squares(residual) if seed % 2 == 0 else cp.norm(residual)
+    if seed % 2:
+        rows.append(cp.norm(x - rng.normal(size=3)) <= 1.0 + 0.3 * cp.sum(y))
+    return cp.Problem(cp.Minimize(cost + rng.random(3) @ z), rows)
+
+
+@pytest.mark.parametrize("seed", range(COUNT))
+def test_optimum_of_scip(seed: int) -> None:
+    problem = random_problem(seed)
+    problem.solve(solver=climbplan.CVXPY(gap=1e-5))
+    status, value = problem.status, problem.value
+    statistics = problem.solver_stats.extra_stats
+    problem.solve(solver=cp.SCIP)
+    assert status == problem.status
+    if status == "optimal":
+        assert value == pytest.approx(problem.value, rel=1e-3, abs=1e-4)
+        assert statistics["bound"] <= problem.value * (1.0 + 1e-3) + 1e-4
+
+
+def test_linear_programs_as_highs() -> None:
+    rng = np.random.default_rng(3)
+    z = cp.Variable(12, boolean=True)
+    weight, worth = rng.random(12), rng.random(12)
+    problem = cp.Problem(cp.Maximize(worth @ z), [weight @ z <= 2.0])
+    assert problem.solve(solver=climbplan.CVXPY()) == pytest.approx(
+        problem.solve(solver=cp.HIGHS), rel=1e-4
+    )
+
+
+def test_duals_of_continuous_problems() -> None:
+    x = cp.Variable(3)
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(x - 1)), [cp.norm(x) <= 1, x[0] == 0.2])
+    problem.solve(solver=climbplan.CVXPY())
+    value, duals = problem.value, [row.dual_value for row in problem.constraints]
+    problem.solve(solver=cp.CLARABEL)
+    assert value == pytest.approx(problem.value)
+    assert duals == pytest.approx([row.dual_value for row in problem.constraints], rel=1e-5)
+
+
+def test_integers_without_bounds_and_statuses() -> None:
+    rng = np.random.default_rng(5)
+    A, b = rng.random((10, 5)), rng.normal(size=10)
+    x = cp.Variable(5, integer=True)
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(A @ x - b)))
+    value = problem.solve(solver=climbplan.CVXPY())
+    x_box = cp.Variable(5, integer=True)
+    box = cp.Problem(cp.Minimize(cp.sum_squares(A @ x_box - b)), [cp.abs(x_box) <= 50])
+    assert value == pytest.approx(box.solve(solver=cp.SCIP), rel=1e-4)
+    for rows, status in (
+        ([x[0] >= 0.2, x[0] <= 0.8], "infeasible"),
+        ([], "infeasible_or_unbounded"),
+    ):
+        problem = cp.Problem(cp.Minimize(x[0]), rows)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # CVXPY explains the second status
+            problem.solve(solver=climbplan.CVXPY())
+        assert problem.status == status
+
+
+def test_the_last_tree_is_the_start_of_the_next() -> None:
+    x, y, place = cp.Variable(6), cp.Variable(6, integer=True), cp.Parameter(6)
+    cost = cp.sum_squares(x - place) + 0.3 * cp.sum_squares(x - y) + 0.1 * cp.sum(y)
+    problem = cp.Problem(cp.Minimize(cost), [cp.abs(y) <= 6, cp.sum(y) >= 3, x <= y + 0.4])
+    place.value = np.linspace(0.2, 2.7, 6)
+    problem.solve(solver=climbplan.CVXPY())
+    cold = problem.solver_stats.extra_stats["nodes"]
+    place.value = place.value + 0.01
+    problem.solve(solver=climbplan.CVXPY())
+    warm, value = problem.solver_stats.extra_stats["nodes"], problem.value
+    assert warm < cold
+    fresh = problem.solve(solver=climbplan.CVXPY(), warm_start=False)
+    assert value == pytest.approx(fresh, rel=2e-4)
+
+
+def test_certificate(tmp_path: Path) -> None:
+    problem = random_problem(1)
+    file = tmp_path / "proof.h5"
+    problem.solve(solver=climbplan.CVXPY(), certificate=file)
+    proof = problem.solver_stats.extra_stats["certificate"]
+    assert proof.bound >= problem.value * (1.0 - 1e-4)
+    assert verify_certificates(read_certificates(file)).passed
+
+
+def test_unsupported_cones_and_options_are_named() -> None:
+    x = cp.Variable(2, integer=True)
+    problem = cp.Problem(cp.Minimize(cp.sum(cp.exp(x))), [cp.abs(x) <= 2])
+    with pytest.raises(cp.error.SolverError, match=r"second-order cones.*ExpCone"):
+        problem.solve(solver=climbplan.CVXPY())
+    with pytest.raises(cp.error.SolverError, match="no option mipgap"):
+        random_problem(0).solve(solver=climbplan.CVXPY(), mipgap=0.1)
+
+
+def test_programs_from_cvxpy_hold_for_every_method() -> None:
+    problem = random_problem(1)
+    program = climbplan.Program.from_cvxpy(problem)
+    value = problem.solve(solver=climbplan.CVXPY(gap=1e-5))
+    for method in ("branch-and-bound", "minlp-scip"):
+        assert climbplan.solve(program, method=method).objective == pytest.approx(value, rel=1e-3)
+    with pytest.raises(UsageError, match="holds no cones"):
+        climbplan.solve(program, method="mpcc")
+
+
+def test_programs_from_casadi() -> None:
+    x, p = ca.SX.sym("x", 3), ca.SX.sym("p")
+    nlp = {"x": x, "p": p, "f": ca.sumsqr(x - p), "g": ca.vertcat(x[0] + x[1], x[1] * x[2])}
+    program = climbplan.Program.from_casadi(
+        nlp, lbx=[-3, -3, -3], ubx=3, lbg=[-np.inf, 1.0], ubg=[1.0, 2.0], discrete=[1, 0, 0]
+    )
+    solution = climbplan.solve(program, {"p": [1.3]}, method="branch-and-bound")
+    # By hand: x0 is an integer of at most 1 - x1, and the product of x1 and x2 is at least 1
+    best = min(
+        (a - 1.3) ** 2 + (b - 1.3) ** 2 + (max(1.3, 1.0 / b) - 1.3) ** 2
+        for a in range(-3, 4)
+        for b in np.linspace(0.34, 1.53, 2000)
+        if a + b <= 1.0
+    )
+    assert solution.status == "optimal"
+    assert solution.objective == pytest.approx(best, rel=1e-2)
+    with pytest.raises(UsageError, match="lbg: 1 or 2 numbers"):
+        climbplan.Program.from_casadi(nlp, lbg=[0, 0, 0])

@@ -19,6 +19,7 @@ import numpy as np
 
 from benchmarks.climb.course_meshes import COURSES, write_course
 from benchmarks.climb.stands import fares
+from benchmarks.kept_rows import read_rows, write_rows
 from benchmarks.zoo.robot_files import keep_robot
 from benchmarks.zoo.robots import ROBOTS
 from climbplan.climb.check.verification import verify_plan
@@ -83,30 +84,50 @@ class Walker:
 
 
 def bench_courses(
-    seed: int, quick: bool, out: TextIO, count: int | None = None, scenes: str | None = None
+    seed: int,
+    quick: bool,
+    out: TextIO,
+    count: int | None = None,
+    scenes: str | None = None,
+    folder: Path | None = None,
 ) -> dict[str, Any]:
     """Print a line a robot and kind of course; one course each with `quick`. Return all rows.
 
+    Args:
+        seed: Of the first mesh of each kind; the next ones follow.
+        quick: Whether to take one mesh of each kind.
+        out: Takes the table, each line as soon as it is known.
+        count: Of meshes of each kind; None takes all.
+        scenes: Kinds by commas; None takes all.
+        folder: Keeps a row a course, which later runs do not measure again.
+
     Raises:
-        UsageError: Of `scenes` a kind is not known, or the robots' package is missing.
+        UsageError: Of `scenes` a kind is not known, the robots' package is missing, or the folder
+            holds something else.
     """
     kinds = [kind.strip() for kind in (scenes or ",".join(COURSES)).split(",")]
     if unknown := [kind for kind in kinds if kind not in COURSES]:
         raise UsageError(
             f"`courses` --scenes: no course {unknown[0]!r}, known are {', '.join(COURSES)}"
         )
-    head = f"{'robot':<10}{'course':<8}{'verified':>10}{'stand':>10}{'median CPU s':>14}{'max':>7}"
-    print(head, file=out, flush=True)
+    head = f"{'robot':<10}{'course':<8}{'verified':>10}{'stand':>10}{'no slip':>10}"
+    print(f"{head}{'median CPU s':>14}{'max':>7}", file=out, flush=True)
+    file = None if folder is None else folder / "courses.csv"
+    known = [] if file is None else read_rows(file, CourseRow)
+    measured = {(row.robot, row.course, row.seed): row for row in known}
     rows: list[CourseRow] = []
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        for walker in propose_walkers(folder):
+        for walker in propose_walkers(Path(name)):
             for kind in kinds:
-                number = 1 if quick else (count or _COUNTS[kind])
-                seeds = range(seed, seed + number)
-                added = [_plan_course(walker, kind, each, folder) for each in seeds]
-                rows += added
-                _print_summary(walker.name, kind, added, out)
+                number = 1 if quick else min(count or _COUNTS[kind], _COUNTS[kind])
+                for each in range(seed, seed + number):
+                    cell = walker.name, kind, each
+                    if cell not in measured:
+                        measured[cell] = _plan_course(walker, kind, each, Path(name))
+                        if file is not None:
+                            write_rows(file, list(measured.values()))
+                    rows.append(measured[cell])
+                _print_summary(walker.name, kind, rows[-number:], out)
     for row in rows:
         if not row.is_verified:
             print(f"  {row.robot}, {row.course} {row.seed}: {row.outcome}", file=out)
@@ -116,9 +137,10 @@ def bench_courses(
 def _print_summary(robot: str, kind: str, rows: list[CourseRow], out: TextIO) -> None:
     verified = [row for row in rows if row.is_verified]
     num_standing = sum(not row.outcome.startswith("falls") for row in verified)
+    num_without_slip = sum(row.outcome == "stands" for row in verified)
     cpu = [row.cpu for row in rows]
-    counts = f"{len(verified)} of {len(rows)}", f"{num_standing} of {len(verified)}"
-    line = f"{robot:<10}{kind:<8}{counts[0]:>10}{counts[1]:>10}"
+    line = f"{robot:<10}{kind:<8}{f'{len(verified)} of {len(rows)}':>10}"
+    line += "".join(f"{f'{n} of {len(verified)}':>10}" for n in (num_standing, num_without_slip))
     print(f"{line}{statistics.median(cpu):>14.1f}{max(cpu):>7.1f}", file=out, flush=True)
 
 

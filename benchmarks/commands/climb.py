@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Annotated, Any
 
-from benchmarks.running import Run, Seed, benchmark, name_option, number_option
+from benchmarks.running import Results, Run, Seed, benchmark, name_option, number_option
 
 
 @benchmark()
@@ -125,8 +125,9 @@ def courses(
         str | None, name_option("--scenes", "NAMES", "Courses, by commas: stairs, rubble, stones.")
     ] = None,
     count: Annotated[int | None, number_option("--count", "Meshes of each [20, 20, 10].")] = None,
+    out: Results = None,
 ) -> Mapping[str, Any]:
     """Seeded stairs, rubble and stepping stones: verified, standing, processor time."""
     from benchmarks.climb.courses import bench_courses
 
-    return bench_courses(seed, run.quick, run.stream, count, scenes)
+    return bench_courses(seed, run.quick, run.stream, count, scenes, out)

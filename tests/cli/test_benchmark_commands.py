@@ -12,6 +12,7 @@ import typer
 from command_line import Outcome, RunCommand
 
 from benchmarks.app import app
+from benchmarks.climb import courses
 from benchmarks.engine import run as engine
 from benchmarks.record import split_tables
 from climbplan.instances import families
@@ -165,3 +166,27 @@ def test_titles_and_notes_stay_beside_their_tables() -> None:
     assert first["rows"] == [["ours", "1.0", "1.0"]]
     assert (second["title"], second["header"]) == ("note", ["last", "x"])
     assert (note["title"], note["rows"]) == ("end of it", [])
+
+
+def test_courses_continue_where_they_were_ended(
+    run_benchmark: RunCommand, workplace: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    walker = courses.Walker("silvia", "silvia", 0.24, 0.1, "stance: {}")
+    planned: list[int] = []
+
+    def plan(walker: courses.Walker, kind: str, seed: int, folder: Path) -> courses.CourseRow:
+        planned.append(seed)
+        outcome = "falls at 3.1 s" if seed else "2 slips, 0 lost"
+        return courses.CourseRow(walker.name, kind, seed, outcome, True, 3, 1.5)
+
+    monkeypatch.setattr(courses, "propose_walkers", lambda folder: [walker])
+    monkeypatch.setattr(courses, "_plan_course", plan)
+    arguments = ("courses", "--scenes", "stones", "--out", "kept")
+    assert run_benchmark(*arguments, "--count", "1").code == 0
+    outcome = run_benchmark(*arguments, "--count", "2")
+    assert outcome.code == 0, outcome.err
+    assert planned == [0, 1]  # nothing is planned twice
+    line = " ".join(outcome.out.splitlines()[1].split())
+    assert line == "silvia stones 2 of 2 1 of 2 0 of 2 1.5 1.5"
+    (workplace / "kept" / "courses.csv").write_text("robot,is_verified\nsilvia,perhaps\n")
+    assert "no rows of CourseRow" in run_benchmark(*arguments, "--count", "1").err

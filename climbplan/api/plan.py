@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import importlib.util
 import io
 import json
 import os
 import shutil
 import tempfile
 import weakref
+import webbrowser
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,7 +22,7 @@ import numpy as np
 from climbplan.api.kinds import PlanKind, identify_kind
 from climbplan.api.plan_path import PLAN_FILE, find_plan
 from climbplan.deprecation import RenamedAttribute, renamed_parameters
-from climbplan.errors import MissingSolver, UsageError
+from climbplan.errors import MissingSolver, UsageError, VerificationFailed
 from climbplan.store.hdf5_layout import DatasetLayout, Kind
 from climbplan.store.hdf5_reading import Reader, open_store
 
@@ -215,6 +218,104 @@ class Plan(Group):
         self._kind.write_report(self._path, target)
         return target / "report.html"
 
+    def show(self, height: int = 480) -> None:
+        """Show a replay of the plan: in a notebook below the cell, elsewhere in the browser.
+
+        Args:
+            height: height of the picture [pixels].
+
+        Raises:
+            UsageError: there is nothing to look at, as in a dataset.
+        """
+        from climbplan.api.progress_display import find_notebook_display
+        from climbplan.reports.notebook import build_replay_frame, build_replay_page
+
+        scene = self._kind.read_scene(self._path)
+        display = find_notebook_display()
+        if display is not None:
+            from IPython.display import HTML
+
+            display(HTML(build_replay_frame(scene, height)))
+            return
+        page = Path(tempfile.mkdtemp(prefix="climbplan.")) / "replay.html"
+        page.write_text(build_replay_page(scene, height), encoding="utf-8")
+        webbrowser.open(page.as_uri())
+
+    def view(self, port: int = 8080, browser: bool = True) -> None:
+        """Serve the interactive 3-D view of `climbplan view` on this machine until Ctrl-C.
+
+        Args:
+            port: port of the page; 0 takes a free one, and one that is taken the next free one.
+            browser: whether a browser is opened.
+
+        Raises:
+            MissingSolver: viser is not installed.
+        """
+        if importlib.util.find_spec("viser") is None:
+            raise MissingSolver("`view` needs viser: pip install 'climbplan[view]'")
+        from climbplan.reports.viewer.server import Viewer
+
+        with Viewer(self._kind.read_scene(self._path), "127.0.0.1", port) as viewer:
+            print(f"{viewer.address} until Ctrl-C")
+            if browser:
+                webbrowser.open(viewer.address)
+            with contextlib.suppress(KeyboardInterrupt):
+                viewer.run()
+
+    def film(self, path: str | Path) -> Path:
+        """Write a film (.gif, .webp or .mp4) and a still (.png) beside it; return the film's path.
+
+        Raises:
+            UsageError: the name ends otherwise, or nothing moves.
+            MissingSolver: MuJoCo or an encoder is missing.
+        """
+        from climbplan.exports.film import write_film
+
+        verification = self.verify()
+        badge = verification.badge + (", fragile" if verification.fragile else "")
+        write_film(self._kind.read_scene(self._path), Path(path), badge)
+        return Path(path)
+
+    def export(
+        self,
+        path: str | Path,
+        format: str = "csv",
+        *,
+        rate: float | None = None,
+        gains: str | None = None,
+    ) -> Path:
+        """Write the motion for a robot or another simulator, as `climbplan export` does.
+
+        Args:
+            path: file to write, or for formats of several files a directory that does not exist.
+            format: "csv", "npz", "mcap", "ros2", "jtc" or "usd".
+            rate: sample rate [Hz]; None keeps the plan's own samples.
+            gains: P gain of the controller [N m/rad], a YAML file of gains, or "rigid"; None keeps
+                the robot's joint stiffness.
+
+        Raises:
+            UsageError: the format is not known, the path exists, or the plan has no motion.
+            VerificationFailed: the plan fails its verification.
+        """
+        from climbplan.exports.formats import FORMATS, ControllerOptions, adapt_motion
+        from climbplan.exports.formats import apply_trajectory_controller_defaults as apply_defaults
+
+        target = Path(path)
+        if format not in FORMATS:
+            raise UsageError(f"no format {format!r}: expected one of {', '.join(FORMATS)}")
+        if target.exists():
+            raise UsageError(f"{target}: already exists")
+        if objection := self.verify().objection:
+            raise VerificationFailed(f"{self._path} {objection}")
+        motion = self._kind.read_motion(self._path)
+        options = ControllerOptions(rate, gains)
+        if format == "jtc":
+            options = apply_defaults(motion, options)
+        if FORMATS[format].directory:
+            target.mkdir(parents=True)
+        FORMATS[format].write(adapt_motion(motion, options), target)
+        return target
+
     def to_csv(self, path: str | Path | None = None) -> str:
         """Return motion, placements or rows as CSV text; write them to `path` if given."""
         stream = io.StringIO()
@@ -286,6 +387,20 @@ class Plan(Group):
     @property
     def _description(self) -> str:
         return f"this plan of kind {self.kind}"
+
+    def __dir__(self) -> list[str]:
+        """Return methods and properties, then groups and arrays; no internals."""
+        return list(dict.fromkeys(name for name in super().__dir__() if not name.startswith("_")))
+
+    def _repr_html_(self) -> str:
+        from climbplan.reports.notebook import build_badge, build_figures, build_replay_frame
+
+        verification = self.verify()
+        sections = [build_badge(verification.level, verification.badge, verification.advice)]
+        sections.append(build_figures([*self.summary, *verification.fragile]))
+        if self._kind.is_in_space and verification.unsound is None:
+            sections.append(build_replay_frame(self._kind.read_scene(self._path), 300))
+        return "".join(sections)
 
     def __repr__(self) -> str:
         root = self._attributes

@@ -23,7 +23,7 @@ def show_progress(progress: Progress | bool | None) -> Iterator[Progress]:
             False shows nothing; None shows the bar in notebooks only.
     """
     meter = ProgressMeter()
-    display = _find_notebook_display() if progress is None or progress is True else None
+    display = find_notebook_display() if progress is None or progress is True else None
     with meter.observe():
         if callable(progress):
             yield _report_to_both(meter, progress)
@@ -45,7 +45,7 @@ def _report_to_both(meter: ProgressMeter, callback: Progress) -> Progress:
     return report
 
 
-def _find_notebook_display() -> Callable[..., Any] | None:
+def find_notebook_display() -> Callable[..., Any] | None:
     """Return the display function of a notebook's kernel; None outside notebooks."""
     if "IPython" not in sys.modules:
         return None

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.arrays import Array
@@ -13,6 +16,7 @@ from climbplan.deprecation import RenamedAttribute, current_method_name, warn_re
 from climbplan.errors import UsageError
 from climbplan.program.problem import Problem, Theta
 from climbplan.program.statement import Program
+from climbplan.schema.fields import find_closest_name
 
 if TYPE_CHECKING:
     from climbplan.certificates.certificate import Certificate
@@ -89,8 +93,13 @@ class Solution:
         return self.problem.values(self._point())
 
     def __getitem__(self, name: str) -> Array:
-        """Return the values of one variable block."""
-        return self.values[name]
+        """Return the values of one variable block; KeyError for others names the nearest."""
+        values = self.values
+        if name not in values:
+            nearest = find_closest_name(name, list(values))
+            hint = f" (did you mean {nearest!r}?)" if nearest else ""
+            raise KeyError(f"no variable {name!r}{hint}: expected one of {', '.join(values)}")
+        return values[name]
 
     def check(self) -> CheckReport:
         """Compute the residual of every named block of the formulation at the solution.
@@ -112,6 +121,19 @@ class Solution:
             f" ({self.message})" if self.message and self.method_result.result.x is None else ""
         )
         return f"{self.status}{reason}"
+
+    def _repr_html_(self) -> str:
+        """Return status, cost and bound, and the values of each block, as HTML."""
+        text = html.escape(repr(self)[1:-1])
+        if self.method_result.result.x is None:
+            return f"<p><b>{text}</b></p>"
+        rows = "".join(
+            f"<tr><td>{html.escape(name)}</td><td>{values.shape}</td>"
+            f"<td>{html.escape(np.array2string(values, precision=4, threshold=12))}</td></tr>"
+            for name, values in self.values.items()
+        )
+        head = "<tr><th>variable</th><th>shape</th><th>values</th></tr>"
+        return f"<p><b>{text}</b>, bound {self.bound:.6g}</p><table>{head}{rows}</table>"
 
     def __repr__(self) -> str:
         cost = "" if self.objective is None else f", objective {self.objective:.6g}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -202,6 +203,24 @@ class Verification:
     def table(self) -> str:
         """Return aligned text, failed checks first, with margins and where the worst is."""
         return format_check_table(self.checks)
+
+    def __repr__(self) -> str:
+        return f"<Verification: {self.badge}; {self.level.label}; {self.headline()}>"
+
+    def _repr_html_(self) -> str:
+        """Return the table as HTML: failed checks first, then those nearest to their limits."""
+        rows = sorted(self.checks, key=lambda check: (check.passed, -check.used))
+        cells = [
+            (check.mark, check.name, f"{check.residual:.1e} {check.unit}", check.margin, place)
+            for check, place in ((check, check.worst_at) for check in rows)
+        ]
+        names = ("", "check", "residual", "margin", "worst at")
+        head = "".join(f"<th>{name}</th>" for name in names)
+        body = "".join(
+            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in cells
+        )
+        summary = escape(f"{self.level.label}: {self.badge}; {self.headline()}")
+        return f"<p><b>{summary}</b></p><table><tr>{head}</tr>{body}</table>"
 
     def scope(self) -> dict[str, Any]:
         """Return what the badge says, as plain values for JSON: of reports and of `as_dict`."""

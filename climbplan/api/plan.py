@@ -233,9 +233,8 @@ class Plan(Group):
         scene = self._kind.read_scene(self._path)
         display = find_notebook_display()
         if display is not None:
-            from IPython.display import HTML
-
-            display(HTML(build_replay_frame(scene, height)))
+            frame = build_replay_frame(scene, height)
+            display({"text/html": frame, "text/plain": f"replay of {scene.title}"}, raw=True)
             return
         page = Path(tempfile.mkdtemp(prefix="climbplan.")) / "replay.html"
         page.write_text(build_replay_page(scene, height), encoding="utf-8")

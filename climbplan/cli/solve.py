@@ -260,7 +260,7 @@ def _summary(plan: ProgramPlan, verification: Verification, seconds: float) -> l
     """The lines of a run, in the columns that all commands use."""
     size = plan.sizes
     head = (
-        f"{plan.problem}   {plan.count} row{'s' if plan.count > 1 else ''}, "
+        f"{plan.problem}   {plan.count} parameter set{'s' if plan.count > 1 else ''}, "
         f"{size['continuous']} continuous, {size['binary']} binary, {size['products']} products"
     )
     method = plan.method[0]
@@ -269,7 +269,7 @@ def _summary(plan: ProgramPlan, verification: Verification, seconds: float) -> l
         figures = f"cost {plan.objective[0]:.6g}{bound}, {plan.winner[0]}"
     else:
         answered = int(plan.found.sum())
-        figures = f"{answered} of {plan.count} answered, {1e3 * plan.time.mean():.1f} ms a row"
+        figures = f"{answered} of {plan.count} answered, {1e3 * plan.time.mean():.1f} ms each"
     return [
         head,
         f"{method:<9} {plan.overall:<9} {plan.timings['solve']:.2f} s   {figures}",

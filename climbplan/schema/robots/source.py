@@ -18,6 +18,7 @@ from climbplan.schema.yaml_source import parse_yaml
 AnyRobot = RobotSpec | UrdfRobot
 NO_CHAINS = "expected limbs of coxa, femur and tibia, not a robot from a URDF"
 URDF_HINT = "; a URDF needs to be told its legs: `robot: {urdf: PATH, legs: {NAME: {toe: LINK}}}`"
+NEW_ROBOT_HINT = "; `climbplan new robot --urdf FILE` makes a robot file from a URDF"
 
 
 class UnknownRobot(ValueError):
@@ -28,7 +29,7 @@ class UnknownRobot(ValueError):
         builtin_names = ", ".join(f"`{robot}`" for robot in list_builtin_robots())
         super().__init__(
             f"expected a built-in robot ({builtin_names}) or the path of a robot YAML file, "
-            f"got {name!r}" + (URDF_HINT if name.endswith((".urdf", ".xacro")) else "")
+            f"got {name!r}" + (URDF_HINT if name.endswith((".urdf", ".xacro")) else NEW_ROBOT_HINT)
         )
 
 

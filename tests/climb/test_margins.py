@@ -157,7 +157,7 @@ def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> Non
     weak = replace(standing.robot, max_torque=0.55 * standing.robot.max_torque)
     tired = verify_plan(replace(standing, robot=weak)).fragile
     assert len(tired) == 1
-    assert "of 10 % of the limit" in tired[0]
+    assert "margin 10 % of the limit" in tired[0]
     # The same text on forces that were planned without margins
     bare = plan_climb(load_climb(NONPARALLEL, [*SHORT, "margins=none"]))
     assert not [c for c in verify_plan(bare).checks if c.name.startswith("robust.")]

@@ -77,7 +77,7 @@ def test_a_plan_that_holds_less_than_its_spec_asks_for_is_fragile(bare: ClimbPla
     asked = planned("gripper.max_force=40")
     swapped = replace(bare, spec_text=asked.spec_text, spec_sha256=asked.spec_sha256)
     words = verify_plan(swapped).fragile
-    assert any("pull-out reserve" in told and "of 8.6 N" in told for told in words)
+    assert any("pull-out reserve" in told and "margin 8.6 N" in told for told in words)
 
 
 def test_margins_that_cannot_be_had_are_shared_and_the_remedy_works() -> None:
@@ -92,7 +92,7 @@ def test_margins_that_cannot_be_had_are_shared_and_the_remedy_works() -> None:
     verification = verify_plan(plan)
     assert verification.passed
     assert any(
-        "loss of friction before it slides" in told and "of 40 %" in told
+        "loss of friction before it slides" in told and "margin 40 %" in told
         for told in verification.fragile
     )
     mended = planned(asked[0], asked[1] + "42")

@@ -73,23 +73,37 @@ def find_always_touching(robot: Robot, body_parts: Sequence[Array]) -> IntArray:
     low, high = np.clip(robot.joint_lower, -np.pi, np.pi), np.clip(robot.joint_upper, -np.pi, np.pi)
     links = limb_capsules(robot, low + fraction * (high - low))
     body, limbs = list_clearance_pairs(robot, links)
+    clearance = np.concatenate(
+        [compute_body_clearance(links, body, body_parts), compute_limb_clearance(links, limbs)],
+        axis=-1,
+    )
+    touch = (clearance < 0).mean(axis=0) > _ALWAYS_RATIO
+    return np.asarray(np.concatenate([body, limbs])[touch])
+
+
+def compute_body_clearance(links: Capsules, pairs: IntArray, body_parts: Sequence[Array]) -> Array:
+    """Return lower bounds (P, B) of the clearance of links and body [m], at points along axes.
+
+    A point is at least as far from a convex part as from the plane of any of its faces.
+
+    Args:
+        links: The capsules of P poses.
+        pairs: Limb and capsule, and -1 and 0 for the body, (B, 4).
+        body_parts: Corners (V, 3) of convex parts of the body [m].
+    """
     fractions = np.linspace(0.0, 1.0, _NUM_AXIS_POINTS)[:, None]
-    limb_and_capsule = body[:, 0], body[:, 1]
+    limb_and_capsule = pairs[:, 0], pairs[:, 1]
     starts, ends = (
         v[..., limb_and_capsule[0], limb_and_capsule[1], None, :]
         for v in (links.starts, links.ends)
     )
-    points = starts + fractions * (ends - starts)  # (D, B, S, 3)
+    points = starts + fractions * (ends - starts)  # (P, B, S, 3)
     distances = np.full(points.shape[:2], np.inf)
     for corners in body_parts:
         faces = ConvexHull(corners).equations
         distance = (points @ faces[:, :3].T + faces[:, 3]).max(axis=-1).min(axis=-1)
         distances = np.minimum(distances, distance)
-    clearance = np.concatenate(
-        [distances - links.radius[limb_and_capsule], compute_limb_clearance(links, limbs)], axis=-1
-    )
-    touch = (clearance < 0).mean(axis=0) > _ALWAYS_RATIO
-    return np.asarray(np.concatenate([body, limbs])[touch])
+    return np.asarray(distances - links.radius[limb_and_capsule])
 
 
 def compute_limb_clearance(links: Capsules, pairs: IntArray) -> Array:

@@ -61,6 +61,37 @@ def test_balls_at_corners_bear_as_a_sole(tmp_path: Path) -> None:
     assert found.toes[0].offset == pytest.approx((0.0, 0.0, 0.0), abs=1e-4)
 
 
+def with_arms(path: Path) -> Path:
+    """The biped with two arms of three joints on its shoulders, hanging at its sides."""
+    parts = []
+    for side, sign in (("L", 1), ("R", -1)):
+        parent = "trunk"
+        for number, (axis, place) in enumerate(
+            (("0 1 0", f"0 {0.25 * sign} 0.5"), ("1 0 0", "0 0 0"), ("0 1 0", "0 0 -0.25"))
+        ):
+            link = f"{side}_arm{number}"
+            parts.append(
+                f'<joint name="{link}" type="revolute"><parent link="{parent}"/><child '
+                f'link="{link}"/><origin xyz="{place}"/><axis xyz="{axis}"/><limit lower="-1.5" '
+                f'upper="1.5" effort="40" velocity="8"/></joint><link name="{link}"><inertial>'
+                '<origin xyz="0 0 -0.1"/><mass value="0.5"/><inertia ixx="2e-3" ixy="0" ixz="0" '
+                'iyy="2e-3" iyz="0" izz="2e-3"/></inertial><collision><origin xyz="0 0 -0.12"/>'
+                '<geometry><cylinder radius="0.03" length="0.2"/></geometry></collision></link>'
+            )
+            parent = link
+    path.write_text(BIPED.read_text().replace("</robot>", "".join([*parts, "</robot>"])))
+    return path
+
+
+def test_a_robot_with_arms_stands_on_its_two_flat_feet(tmp_path: Path) -> None:
+    path = with_arms(tmp_path / "arms.urdf")
+    assert sum(detect_legs(path).naming.is_arm) == 2
+    found = propose_robot(path)
+    assert found.naming.names == ("R", "L")
+    assert found.draft.sole == (0.22, 0.11)
+    assert any("--toes" in note and "arm" in note for note in found.assumptions)
+
+
 @pytest.mark.parametrize("foot", ["", BALL.format(x=0, y=0)])
 def test_without_a_level_face_two_legs_are_refused(tmp_path: Path, foot: str) -> None:
     with pytest.raises(UsageError, match="no level face of 20 mm or more"):

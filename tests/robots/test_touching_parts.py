@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from urdf_walkers import Walker
 
+from climbplan.robots.capsules import straight_capsules
+from climbplan.robots.self_clearance import compute_body_clearance
 from climbplan.robots.urdf.pinocchio_model import build_urdf_model
 from climbplan.robots.urdf.proposal.draft import Draft
 from climbplan.robots.urdf.proposal.propose_robot import propose_robot
@@ -49,6 +51,21 @@ def test_neighbours_are_left_out(tmp_path: Path) -> None:
         assert a != b
         assert model.parents[a] != b
         assert model.parents[b] != a
+
+
+def test_clearance_of_links_and_body_is_that_of_the_nearest_face() -> None:
+    corners = np.array([[x, y, z] for x in (-0.1, 0.1) for y in (-0.2, 0.2) for z in (-0.05, 0.05)])
+    # One limb of two links: along the side of the box, and away from it
+    points = np.array([[[[0.15, 0.0, 0.0], [0.15, 0.1, 0.0], [0.35, 0.1, 0.0]]]])
+    links = straight_capsules(points, 0.02)
+    pairs = np.array([[0, 0, -1, 0], [0, 1, -1, 0]])
+    np.testing.assert_allclose(compute_body_clearance(links, pairs, [corners]), [[0.03, 0.03]])
+    inside = straight_capsules(points - np.array([0.1, 0.0, 0.0]), 0.02)
+    assert compute_body_clearance(inside, pairs, [corners])[0, 0] == pytest.approx(-0.07)
+    # The nearest of two parts counts
+    ahead = corners + np.array([0.3, 0.0, 0.0])
+    nearer = compute_body_clearance(links, pairs, [corners, ahead])
+    np.testing.assert_allclose(nearer, [[0.03, -0.07]])
 
 
 @pytest.mark.slow

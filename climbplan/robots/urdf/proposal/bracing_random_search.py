@@ -16,6 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.errors import SpecError
 from climbplan.robots.urdf.proposal.brace_refinement import refine_braces
 from climbplan.robots.urdf.proposal.bracing_grid_search import (
     WALL_CLEARANCE,
@@ -72,7 +73,15 @@ def propose_bracing_postures(proposal: RobotProposal, max_count: int) -> list[Ro
     for posture in clear[:_MAX_REFINED]:
         refined += _refine_posture(robot, posture, compute_clearance, max_shift)
     refined.sort(key=lambda posture: -posture.score)
-    return [_build_bracing_proposal(robot, posture) for posture in refined[:max_count]]
+    proposals: list[RobotProposal] = []
+    for posture in refined:
+        if len(proposals) == max_count:
+            break
+        try:
+            proposals.append(_build_bracing_proposal(robot, posture))
+        except SpecError:
+            continue  # its toes have less room about them than plans need
+    return proposals
 
 
 def place_on_ground(bracing: RobotProposal, standing: RobotProposal) -> RobotProposal:

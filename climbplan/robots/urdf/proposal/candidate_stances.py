@@ -29,6 +29,10 @@ from climbplan.robots.urdf.robot_builder import MIN_STANCE_RADIUS
 from climbplan.robots.urdf.workspace import measure_stance_radii, select_common_reach
 
 _MAX_CANDIDATES = 24  # postures whose stance radius is measured with exact kinematics
+_SWAYS = (0.0, 0.1, 0.2)  # of the body to every side, over the reach of the legs
+_NUM_SWAY_DIRECTIONS = 8
+_FULL_CLEARANCE = 0.025  # of links while the body sways, over the reach, that costs no score
+_MIN_CLEARANCE_FACTOR = 0.1  # on the score of postures in which links are in each other's way
 _REACH_RATIO = 0.97  # of the full reach, that `estimate_reach` returns
 _MAX_RANGE_DIFFERENCE = 10.0  # [deg] between joint ranges of mirrored legs
 _STRONG_FACTOR = 100.0  # of the torque limits, to quantify what is missing
@@ -108,6 +112,7 @@ def _find_flat_foot_stances(
     """Return the stances of a biped; raises UsageError where there are none."""
     legs, level = robot.legs, np.swapaxes(soles.axes_zero, -1, -2)
     postures = select_clear(search_flat_foot_stances(legs, soles, robot.compute_center))
+    postures = _prefer_clear_postures(robot, postures, level)
     stances = _rank_by_stance_radius(legs, postures, level)
     if stances:
         return stances
@@ -144,10 +149,48 @@ def _rank_by_stance_radius(
             # Balls leave out points beyond reach, of which nearly straight legs have many
             is_enough = radius >= MIN_STANCE_RADIUS
             radius = float(np.sqrt(radius * posture.reach_margin)) if is_enough else 0.0
-        score = radius * (1 - posture.utilisation)
+        score = radius * (1 - posture.utilisation) * _compute_clearance_factor(legs, posture)
         if score > 0:
             scored.append((score, posture))
     return [posture for _, posture in sorted(scored, key=lambda pair: -pair[0])]
+
+
+def _prefer_clear_postures(
+    robot: PreparedRobot, postures: list[LeggedPosture], level: Array
+) -> list[LeggedPosture]:
+    """Return postures with their clearance while the body sways; best first by score and clearance.
+
+    A robot that walks with one limb at a time has its body over the others, and links that are
+    clear as it stands come near the body or other limbs there. Links are as thick as in planning.
+
+    Args:
+        robot: The robot.
+        postures: Toes in the frame of the chains.
+        level: Rotations (N, 3, 3) of last links with which soles are level.
+    """
+    compute_clearance = robot.build_clearance_function(to_body=True)
+    if compute_clearance is None or not postures:
+        return postures
+    legs = robot.legs
+    angle = 2 * np.pi * np.arange(_NUM_SWAY_DIRECTIONS) / _NUM_SWAY_DIRECTIONS
+    direction = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
+    sways = float(legs.reach.min()) * np.concatenate([size * direction for size in _SWAYS])
+    rated = []
+    for posture in postures:
+        chain = replace(legs.chain, posture=posture.angles)
+        toes = posture.toes - sways[:, None]
+        solution = chain.inverse(toes, legs.lower, legs.upper, level)
+        angles = np.where(solution.valid[..., None], solution.best(), posture.angles)
+        clearance = float(compute_clearance(angles).min())
+        rated.append(replace(posture, sway_clearance=clearance))
+    return sorted(rated, key=lambda p: -p.score * _compute_clearance_factor(legs, p))
+
+
+def _compute_clearance_factor(legs: LegModel, posture: LeggedPosture) -> float:
+    """Return the factor on a posture's score for its clearance while the body sways, up to 1."""
+    full = _FULL_CLEARANCE * float(legs.reach.min())
+    factor = 0.5 * (1.0 + posture.sway_clearance / full)
+    return float(np.clip(factor, _MIN_CLEARANCE_FACTOR, 1.0))
 
 
 def _describe_unequal_ranges(legs: LegModel) -> str:

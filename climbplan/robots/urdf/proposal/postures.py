@@ -69,6 +69,7 @@ class LeggedPosture:
     gap: float = 0.0  # between walls [m]
     friction: float = 0.0  # of the walls
     shift: float = 0.0  # of the body over the standing legs [m]
+    sway_clearance: float = np.inf  # of links from body and other limbs while the body sways [m]
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,11 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.robots.capsules import limb_capsules
 from climbplan.robots.model import Robot
-from climbplan.robots.self_clearance import compute_limb_clearance, list_clearance_pairs
+from climbplan.robots.self_clearance import (
+    compute_body_clearance,
+    compute_limb_clearance,
+    list_clearance_pairs,
+)
 from climbplan.robots.urdf.capsule_fit import LIMB_RADIUS
 from climbplan.robots.urdf.drives import pad_to_legs
 from climbplan.robots.urdf.pinocchio_model import LegAtZero, UrdfModel, build_urdf_model
@@ -106,10 +110,13 @@ class PreparedRobot:
         model = self.collision_model
         return model is not None and bool(model.find_collisions(angles))
 
-    def build_clearance_function(self) -> Callable[[Array], Array] | None:
+    def build_clearance_function(self, to_body: bool = False) -> Callable[[Array], Array] | None:
         """Return the function from angles (C, N, J) to the distance between limbs (C,) [m].
 
         Limbs are as thick as in planning. None without collision geometry.
+
+        Args:
+            to_body: Whether distances to the body count, too.
         """
         if not self.shapes:
             return None
@@ -123,8 +130,13 @@ class PreparedRobot:
 
         def compute_clearance(angles: Array) -> Array:
             links = limb_capsules(planned, angles)
-            _, pairs = list_clearance_pairs(planned, links)
-            return np.asarray(compute_limb_clearance(links, pairs).min(axis=-1, initial=np.inf))
+            body_pairs, limb_pairs = list_clearance_pairs(planned, links)
+            clearance = compute_limb_clearance(links, limb_pairs).min(axis=-1, initial=np.inf)
+            if to_body:
+                body_parts = planned.body_parts or (planned.body_hull,)
+                distance = compute_body_clearance(links, body_pairs, body_parts)
+                clearance = np.minimum(clearance, distance.min(axis=-1, initial=np.inf))
+            return np.asarray(clearance)
 
         return compute_clearance
 

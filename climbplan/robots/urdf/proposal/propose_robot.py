@@ -76,9 +76,9 @@ def propose_robot(
 ) -> RobotProposal:
     """Propose a robot configuration for a URDF.
 
-    A robot with arms stands upright on all of its limbs if it can. Else it stands on hands and
-    feet with its front or its back down, and else on its feet with its hands on walls. A robot
-    with two legs stands on flat feet.
+    A robot with two legs stands on flat feet, whether it has arms or not. One with arms and other
+    feet stands upright on all of its limbs if it can. Else it stands on hands and feet with its
+    front or its back down, and else on its feet with its hands on walls.
 
     Args:
         urdf: The file.
@@ -92,6 +92,14 @@ def propose_robot(
     upright = detect_legs(urdf, packages, requested_toes=toes)
     if not any(upright.naming.is_arm):
         return _find_stances(upright).build_proposal()
+    if (feet := _find_two_feet(upright)) and not toes:
+        try:
+            standing = _find_stances(detect_legs(urdf, packages, requested_toes=feet))
+        except UsageError:
+            pass  # its feet are not flat, or it does not stand on them alone
+        else:
+            proposal = standing.build_proposal()
+            return replace(proposal, assumptions=(*proposal.assumptions, _describe_hands(upright)))
     lying = (detect_legs(urdf, packages, axes, toes) for axes in PRONE_AND_SUPINE_AXES)
     for legs in itertools.chain([upright], lying):
         try:
@@ -99,6 +107,24 @@ def propose_robot(
         except UsageError:
             continue
     return _find_stances(upright).build_proposal()
+
+
+def _find_two_feet(legs: DetectedLegs) -> tuple[str, ...]:
+    """Return the links that two legs below arms end in; empty where legs are not two or weak."""
+    naming, model = legs.naming, legs.draft.build_model()
+    feet = [
+        toe.link
+        for name, toe, is_arm in zip(naming.names, legs.toes, naming.is_arm, strict=True)
+        if not is_arm and len(model.read_leg(name).names) >= JOINTS_OF_FLAT_FEET
+    ]
+    num_legs = sum(not is_arm for is_arm in naming.is_arm)
+    return tuple(feet) if num_legs == len(feet) == FEWEST_FLAT_FEET else ()
+
+
+def _describe_hands(legs: DetectedLegs) -> str:
+    """Return the note on the arms of a robot that stands on its two feet."""
+    links = ",".join(toe.link for toe in legs.toes)
+    return f"it stands on its two feet, and its arms are locked; `--toes {links}` has it use them"
 
 
 def _find_stances(legs: DetectedLegs, walls: bool = True) -> PreparedRobot:

@@ -33,6 +33,7 @@ from climbplan.verification.level import Level
 class FakePlan:
     summary: tuple[str, ...] = ("small   SiLVIA, 2 rounds", "posture   optimal   0.01 s")
     warnings: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     status: str = "optimal"
 
 

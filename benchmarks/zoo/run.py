@@ -16,9 +16,10 @@ from typing import Any, TextIO
 
 from joblib import Parallel, delayed
 
+from benchmarks.kept_rows import read_rows, write_rows
 from benchmarks.zoo.cells import COLUMNS, NOT_SIMULATED, Cell
 from benchmarks.zoo.refusals import Drawing, check_refusals
-from benchmarks.zoo.results import Row, keep, kept
+from benchmarks.zoo.results import FILE, Row
 from benchmarks.zoo.robot_files import keep_robot
 from benchmarks.zoo.robots import QUICK, ROBOTS, Zoo
 from benchmarks.zoo.second.look import COUNT
@@ -54,7 +55,7 @@ def bench_zoo(
     if unknown := [one for one in asked if one not in TABLES]:
         raise UsageError(f"`zoo` --methods: no table {unknown[0]!r}, known are {', '.join(TABLES)}")
     chosen, tasks = _chosen(quick, names), _choose_columns(columns)
-    rows = [] if folder is None else kept(folder)
+    rows = [] if folder is None else read_rows(folder / FILE, Row)
     head = f"{'robot':<15}  {'kg':>5}  {'legs':>4}  {'first s':>7}"
     print(head + "".join(f"  {column:>{_WIDTH}}" for column in COLUMNS), file=out)
     there = {(row.robot, row.column) for row in rows}
@@ -69,7 +70,7 @@ def bench_zoo(
             rows = sorted([*rows, *new], key=_place)
             ended.add(new[0].robot)
             if folder is not None:
-                keep(folder, rows)
+                write_rows(folder / FILE, rows)
             waiting = _told(waiting, ended, rows, out)
         mine = [row for zoo in chosen for row in rows if row.robot == zoo.name]
         _sums(mine, out)

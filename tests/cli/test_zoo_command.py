@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.kept_rows import read_rows, write_rows
 from benchmarks.zoo.cells import COLUMNS
-from benchmarks.zoo.results import Row, keep, kept
+from benchmarks.zoo.results import FILE, Row
 from benchmarks.zoo.robots import PACKAGE, ROBOTS
 from benchmarks.zoo.run import bench_zoo
 from climbplan.errors import UsageError
@@ -36,8 +37,8 @@ def test_what_is_kept_is_not_made_again(tmp_path: Path) -> None:
     why = "LF needs 3.1 N m more, and 12 mm"
     rows[2] = row("Solo12", "chimney", planned=False, simulated="", words=why)
     rows[3] = row("Solo12", "wall", simulated="falls at 3.2 s")
-    keep(tmp_path, rows)
-    assert kept(tmp_path) == rows
+    write_rows(tmp_path / FILE, rows)
+    assert read_rows(tmp_path / FILE, Row) == rows
     out = io.StringIO()
     bench_zoo(True, out, folder=tmp_path)
     lines = out.getvalue().splitlines()
@@ -50,7 +51,7 @@ def test_what_is_kept_is_not_made_again(tmp_path: Path) -> None:
 
 
 def test_tasks_that_are_not_asked_for_are_not_run(tmp_path: Path) -> None:
-    keep(tmp_path, [row("Solo12", "ground")])
+    write_rows(tmp_path / FILE, [row("Solo12", "ground")])
     out = io.StringIO()
     record = bench_zoo(True, out, folder=tmp_path, columns="ground")
     assert out.getvalue().splitlines()[1].count("not run") == len(COLUMNS) - 1
@@ -72,7 +73,7 @@ def test_other_robots_and_other_files_are_told(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no robot 'rex', known are A1"):
         bench_zoo(False, io.StringIO(), "a1, Rex")
     (tmp_path / "results.csv").write_text("name,value\n1,2\n")
-    with pytest.raises(UsageError, match="no results of `zoo`"):
+    with pytest.raises(UsageError, match="no rows of Row"):
         bench_zoo(True, io.StringIO(), folder=tmp_path)
 
 
@@ -84,7 +85,7 @@ def test_every_robot_has_one_urdf(package: None) -> None:
 @pytest.mark.slow
 def test_one_robot_is_planned_and_simulated(package: None, tmp_path: Path) -> None:
     bench_zoo(True, io.StringIO(), folder=tmp_path)
-    rows = kept(tmp_path)
+    rows = read_rows(tmp_path / FILE, Row)
     assert [one.column for one in rows] == list(COLUMNS)
     assert all(one.planned for one in rows), [one.words for one in rows]
     assert all(not one.simulated.startswith("falls") for one in rows)
@@ -93,7 +94,7 @@ def test_one_robot_is_planned_and_simulated(package: None, tmp_path: Path) -> No
 def test_refusals_are_looked_at_again_and_kept(tmp_path: Path) -> None:
     words = "no spec: walking is of legs with 3 to 7 joints, got 2: knee, hip"
     rows = [row("hexapod", c, planned=c != "turn", words=words) for c in COLUMNS]
-    keep(tmp_path, rows)
+    write_rows(tmp_path / FILE, rows)
     for _ in range(2):
         out = io.StringIO()
         bench_zoo(False, out, "hexapod", tmp_path, "plans,refusals")

@@ -12,6 +12,7 @@ import hashlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +34,7 @@ from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.cost import Unbounded
 from climbplan.solvers.mixed_integer.level_set import UnboundedRelaxation, bound_variables
 from climbplan.solvers.mixed_integer.method import WarmStartedTree
-from climbplan.solvers.mixed_integer.outer_approximation import ConicSearch, solve_conic
+from climbplan.solvers.mixed_integer.outer_approximation import ConicSearch, solve_epigraph
 from climbplan.solvers.result import FEASIBILITY, SolverResult, relative_gap
 from climbplan.store.certificate_file import write_certificates
 from climbplan.store.certified import CertifiedRow, CertifiedRows
@@ -61,11 +62,23 @@ class SolverSettings:
     tolerance: float = FEASIBILITY  # largest violation of a row
     certificate: str | Path | None = None  # file for the proof of the bound
 
+    def __post_init__(self) -> None:
+        """Raise SolverError for a value that is no number >= 0, or no path."""
+        for name in ("gap", "absolute_gap", "time_limit", "tolerance"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, Real) or not value >= 0:
+                hint = "; leave it out for none" if name == "time_limit" else ""
+                raise SolverError(f"{NAME}: {name}={value!r}: expected a number >= 0{hint}")
+        if self.tolerance == 0:
+            raise SolverError(f"{NAME}: tolerance=0: expected a number > 0, such as {FEASIBILITY}")
+        if not isinstance(self.certificate, (str, Path, type(None))):
+            raise SolverError(f"{NAME}: certificate={self.certificate!r}: expected a path")
+
     def update(self, options: Mapping[str, Any]) -> SolverSettings:
         """Return the settings with options of one call.
 
         Raises:
-            SolverError: An option is not known.
+            SolverError: An option is not known, or its value is none of its kind.
         """
         option_names = {field.name for field in fields(self)}
         options_given = {key: value for key, value in options.items() if key != "use_quad_obj"}
@@ -91,7 +104,7 @@ class CVXPY(ConicForm):
             certificate. Options of `problem.solve` override them.
 
     Raises:
-        SolverError: An option is not known.
+        SolverError: An option is not known, or its value is none of its kind.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -216,10 +229,12 @@ def _run_tree(
         cache[NAME] = key, search
     time_left = max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
     result = search.solve(instance, time_left)
-    if result.status in ("feasible", "limit") and not proves and not instance.P.count_nonzero():
-        # Nodes of a linear cost may stay open by rounding errors; HiGHS closes them
-        time_left = max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
-        result = solve_conic(instance, chosen.gap, time_left, chosen.tolerance)
+    time_left = max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
+    if result.status in ("feasible", "limit") and not proves and time_left > 0:
+        # Nodes may stay open by rounding errors; linear masters, which HiGHS solves, close them
+        retry = solve_epigraph(instance, chosen.gap, time_left, chosen.tolerance)
+        if retry.objective is not None or result.objective is None:
+            result = retry
     return _Solved(instance, result, search.certificate if proves else None)
 
 
@@ -231,7 +246,11 @@ def _build_infeasible(begin: float) -> SolverResult:
 
 
 def _build_solution(solved: _Solved, chosen: SolverSettings, duration: float) -> Solution:
-    """Build what CVXPY reports."""
+    """Build what CVXPY reports.
+
+    Raises:
+        SolverError: A limit was reached without a feasible point.
+    """
     result = solved.result
     statistics = {
         "bound": result.bound,
@@ -246,10 +265,17 @@ def _build_solution(solved: _Solved, chosen: SolverSettings, duration: float) ->
         settings.EXTRA_STATS: statistics,
     }
     if result.x is None or result.objective is None:
-        status = settings.INFEASIBLE if result.status == "infeasible" else settings.SOLVER_ERROR
-        if result.status == "limit" and result.solver == NAME:
-            status = settings.INFEASIBLE_OR_UNBOUNDED
-        return Solution(status, None, None, None, attributes)
+        if result.status == "infeasible":
+            return Solution(settings.INFEASIBLE, None, None, None, attributes)
+        if result.solver == NAME:
+            return Solution(settings.INFEASIBLE_OR_UNBOUNDED, None, None, None, attributes)
+        raise SolverError(
+            f"{NAME}: no feasible point within time_limit={chosen.time_limit:g} s: raise it "
+            f"({'; '.join(result.log)})"
+            if duration >= chosen.time_limit
+            else f"{NAME}: no feasible point was found, and none was excluded "
+            f"({'; '.join(result.log)})"
+        )
     is_close = result.objective - result.bound <= chosen.absolute_gap
     status = settings.OPTIMAL if result.status == "optimal" or is_close else settings.USER_LIMIT
     return Solution(status, result.objective, {"x": result.x}, None, attributes)

@@ -13,6 +13,8 @@ import pytest
 
 import climbplan
 from climbplan.errors import UsageError
+from climbplan.program.cvxpy_form import build_conic_instance
+from climbplan.solvers.mixed_integer.outer_approximation import solve_epigraph
 from climbplan.store.certificate_file import read_certificates
 from climbplan.verification.certificates import verify_certificates
 
@@ -101,6 +103,17 @@ def test_the_last_tree_is_the_start_of_the_next() -> None:
     assert value == pytest.approx(fresh, rel=2e-4)
 
 
+def test_epigraphs_of_quadratic_costs() -> None:
+    for seed in (0, 2, 4):
+        problem = random_problem(seed)
+        data, *_ = problem.get_problem_data(climbplan.CVXPY())
+        instance = build_conic_instance(data, "epigraph")
+        result = solve_epigraph(instance, gap=1e-5)
+        problem.solve(solver=climbplan.CVXPY(gap=1e-5))
+        assert result.status == problem.status == "optimal"
+        assert result.objective == pytest.approx(problem.value, rel=1e-4)
+
+
 def test_certificate(tmp_path: Path) -> None:
     problem = random_problem(1)
     file = tmp_path / "proof.h5"
@@ -147,3 +160,53 @@ def test_programs_from_casadi() -> None:
     assert solution.objective == pytest.approx(best, rel=1e-2)
     with pytest.raises(UsageError, match="lbg: 1 or 2 numbers"):
         climbplan.Program.from_casadi(nlp, lbg=[0, 0, 0])
+
+
+@pytest.mark.parametrize(
+    ("option", "value"),
+    [
+        ("gap", -1.0),
+        ("gap", np.nan),
+        ("gap", "small"),
+        ("time_limit", None),
+        ("tolerance", 0.0),
+        ("absolute_gap", True),
+        ("certificate", 3),
+    ],
+)
+def test_values_of_options_are_checked(option: str, value: Any) -> None:
+    with pytest.raises(cp.error.SolverError, match=f"{option}=.*expected a"):
+        random_problem(0).solve(solver=climbplan.CVXPY(), **{option: value})
+
+
+def test_limits_without_a_point_are_named() -> None:
+    with pytest.raises(cp.error.SolverError, match="no feasible point within time_limit=0 s"):
+        random_problem(0).solve(solver=climbplan.CVXPY(), time_limit=0)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_absolute_values_beside_linear_costs(seed: int) -> None:
+    """The epigraphs of absolute values have no bounds, and level sets of them no interior."""
+    rng = np.random.default_rng(seed)
+    x, y, z = cp.Variable(3), cp.Variable(2, integer=True), cp.Variable(3, boolean=True)
+    cost = 0.1 * cp.sum_squares(x - 1) + rng.normal(size=2) @ y + rng.normal(size=3) @ z
+    rows = [y >= -2.5, y <= 3.5, cp.abs(x) <= 5, cp.sum(y) + cp.sum(z) == 1]
+    problem = cp.Problem(cp.Minimize(cost + cp.norm1(x) - 3), rows)
+    value = problem.solve(solver=climbplan.CVXPY(gap=1e-6))
+    status, bound = problem.status, problem.solver_stats.extra_stats["bound"]
+    best = problem.solve(solver=cp.SCIP)
+    assert status == "optimal"
+    assert value == pytest.approx(best, abs=1e-5)
+    assert bound <= best + 1e-5
+
+
+def test_cones_without_an_interior() -> None:
+    """With z = 0 the rows leave one point of x, which trees and convex programs meet badly."""
+    rng = np.random.default_rng(9)
+    x, y, z = cp.Variable(3), cp.Variable(2, integer=True), cp.Variable(2, boolean=True)
+    residual = rng.normal(size=(4, 3)) @ x + rng.normal(size=(4, 2)) @ y - 3 * rng.normal(size=4)
+    rows = [cp.abs(y) <= 3, cp.abs(x) <= 5, x[0] <= 4 * z[0] - 1, cp.norm(x) <= 1 + 2 * z[0]]
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(residual) + 9 * z[0] + z[1]), rows)
+    value = problem.solve(solver=climbplan.CVXPY(gap=1e-5))
+    assert problem.status == "optimal"
+    assert value == pytest.approx(problem.solve(solver=cp.SCIP), rel=1e-3)

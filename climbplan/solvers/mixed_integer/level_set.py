@@ -18,11 +18,13 @@ from climbplan.program.box import propagate_box
 from climbplan.program.instance import Balls, Instance
 from climbplan.solvers.convex.clarabel import ClarabelSession
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
+from climbplan.solvers.mixed_integer.outer_approximation import solve_epigraph
 from climbplan.solvers.result import Answer
 from climbplan.solvers.separable_cost import factor_cost
 
 _RADII = (3.0, 30.0, 1000.0, 30_000.0)  # around the relaxation, within which incumbents are sought
 _SLACK = 1e-6  # relative: by which level sets and extremes are widened against rounding
+_MARGIN = 1.0  # by which bounds of continuous variables are widened: the tree needs an interior
 _LARGEST = 1e6  # bounds beyond are not taken: the relaxation of such a box proves nothing
 
 
@@ -71,7 +73,8 @@ def bound_variables(
     session = ClarabelSession()
     for j in map(int, np.flatnonzero(selected)):
         low, high = (_find_extreme(session, level, j, sign) for sign in (1.0, -1.0))
-        lower[j], upper[j] = max(lower[j], low), min(upper[j], high)
+        margin = 0.0 if instance.integer[j] else _MARGIN
+        lower[j], upper[j] = max(lower[j], low - margin), min(upper[j], high + margin)
     return replace(instance, lower=lower, upper=upper)
 
 
@@ -92,6 +95,8 @@ def _find_cost(instance: Instance, x: Array, is_open: BoolArray, time_limit: flo
             ),
         )
         result = solve_mixed_integer(neighbourhood, gap=0.1, time_limit=time_limit)
+        if result.status == "limit":
+            result = solve_epigraph(neighbourhood, gap=0.1, time_limit=time_limit)
         if result.objective is not None:
             return result.objective
     raise UsageError(

@@ -5,7 +5,7 @@ where its cost is linear: its bound is valid. The convex program at its integers
 Both points give new tangents, those of the convex program's solution being all that its integers
 need. Costs that
 are flat along cones, as that of an epigraph, need this: nodes alone approach the tip of their cones
-slowly.
+slowly. A quadratic cost may itself become a cone, so that all master programs are linear.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array
-from climbplan.program.instance import Instance
+from climbplan.program.instance import Balls, Instance
 from climbplan.solvers.convex.clarabel import ClarabelSession
 from climbplan.solvers.highs.instances import solve_highs
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
@@ -28,6 +28,7 @@ from climbplan.solvers.result import (
     judge_answer,
     relative_gap,
 )
+from climbplan.solvers.separable_cost import factor_cost
 
 NAME = "branch-and-bound"
 _MAX_ROUNDS = 200
@@ -113,6 +114,79 @@ def solve_conic(
 ) -> SolverResult:
     """Find the global optimum of one instance by `ConicSearch`."""
     return ConicSearch(gap, tolerance).solve(instance, time_limit)
+
+
+def solve_epigraph(
+    instance: Instance,
+    gap: float = 1e-4,
+    time_limit: float = np.inf,
+    tolerance: float = FEASIBILITY,
+) -> SolverResult:
+    """Find the global optimum by `ConicSearch` with the cost as a cone, so by linear masters.
+
+    Unlike branch and bound this needs no bounds of variables where the relaxation has a solution.
+
+    Args:
+        instance: Instance with integers and a convex cost, without choices and products.
+        gap: Relative gap to prove.
+        time_limit: Time limit [s].
+        tolerance: Largest violation of any constraint.
+    """
+    result = solve_conic(_state_epigraph(instance), gap, time_limit, tolerance)
+    answer = Answer(
+        x=None if result.x is None else result.x[: instance.size],
+        bound=result.bound,
+        infeasible=result.status == "infeasible",
+        nodes=result.nodes,
+        time=result.time,
+        solver=NAME,
+        log=result.log,
+    )
+    return judge_answer(instance, answer, gap, tolerance)
+
+
+def _state_epigraph(instance: Instance) -> Instance:
+    """Return the program: minimise t + s'x + c subject to |(u, t - 1/2)| <= t + 1/2.
+
+    The cost of the instance is 1/2 |u|^2 + s'x + c with u = U x + o, and the cone states
+    that t is at least 1/2 |u|^2.
+    """
+    squares, n = factor_cost(instance), instance.size
+    if not len(squares.offset):
+        return instance
+    column = sparse.csr_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
+    cone = Balls(
+        F=sparse.vstack([_append_column(squares.U), column]).tocsr(),
+        f=np.append(squares.offset, -0.5)[None],
+        radius=np.array([0.5]),
+        slope=column,
+    )
+    stated = tuple(
+        replace(
+            balls,
+            F=_append_column(balls.F),
+            slope=None if balls.slope is None else _append_column(balls.slope),
+        )
+        for balls in instance.balls
+    )
+    no_rows = replace(instance.implications, A=sparse.csr_matrix((0, n + 1)))
+    return replace(
+        instance,
+        P=sparse.csc_matrix((n + 1, n + 1)),
+        q=np.append(squares.slope, 1.0),
+        constant=squares.constant,
+        lower=np.append(instance.lower, 0.0),
+        upper=np.append(instance.upper, np.inf),
+        A=_append_column(instance.A),
+        integer=np.append(instance.integer, False),
+        balls=(*stated, cone),
+        implications=no_rows,
+    )
+
+
+def _append_column(matrix: sparse.spmatrix) -> sparse.csr_matrix:
+    """Return a matrix with a column of zeros."""
+    return sparse.hstack([matrix, sparse.csr_matrix((matrix.shape[0], 1))]).tocsr()
 
 
 def _complete(instance: Instance, x: Array, completed: set[bytes]) -> Array | None:

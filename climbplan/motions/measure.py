@@ -280,6 +280,8 @@ def _measure_velocities(motion: TrackedMotion, judge: _Judge) -> Iterator[Check]
 
 def _compare_velocities(stored: Array, differences: Array) -> float:
     """Return the RMS of stored velocities minus differences, by that of the larger ones."""
+    if not stored.size:
+        return 0.0
     size = max(float(np.sqrt((v**2).mean())) for v in (stored, differences))
     return float(np.sqrt(((stored - differences) ** 2).mean())) / size if size > 1e-9 else 0.0
 

@@ -42,8 +42,11 @@ KEYS = {  # of the published loaders: field of the motion, and axes; J joints, B
 }
 COMPANION = "meta.json"  # beside files of some tools
 _MAX_COMPANION = 1_000_000  # [bytes]
+_ARCHIVES, _NPY = (b"PK\x03\x04", b"PK\x05\x06"), b"\x93NUMPY"  # how files begin
 _EXPECTED = "an NPZ file of a motion"
+_EXPORT_HINT = "`climbplan export PLAN --format motion` writes that of a plan"
 _FREE_POSITIONS = 7  # position and quaternion of a free joint
+_LIMITS = "joint_limit_"  # start of the keys of limits, which may be infinite
 _NORM_TOLERANCE = 1e-2  # of quaternions
 
 
@@ -129,7 +132,11 @@ def read_motion_file(path: Path) -> TrackedMotion:
     Raises:
         UsageError: It is no such file; with the key, and what was expected.
     """
+    if path.is_dir():
+        raise UsageError(f"{path}: a directory, expected {_EXPECTED}; {_EXPORT_HINT}")
     with reading(path, _EXPECTED, damage=(*DAMAGE, BadZipFile)), path.open("rb") as stream:
+        _check_signature(path, stream.read(len(_NPY)))
+        stream.seek(0)
         stored = np.load(stream, allow_pickle=False)
         if isinstance(stored, np.ndarray):
             raise UsageError(f"{path}: one array, expected {_EXPECTED}")
@@ -151,9 +158,15 @@ def read_motion_file(path: Path) -> TrackedMotion:
         contacts=reader.read_contacts(bodies),
         surfaces=reader.read_surfaces(),
         terrain=_read_terrain(path, arrays),
-        is_verified=bool(arrays["verified"]) if "verified" in arrays else None,
+        is_verified=reader.read_flag("verified"),
         facts=_read_facts(path, arrays),
     )
+
+
+def _check_signature(path: Path, start: bytes) -> None:
+    """Raise UsageError for files that are no archive; NumPy would advise to unpickle them."""
+    if start and not start.startswith((*_ARCHIVES, _NPY)):
+        raise UsageError(f"{path}: not {_EXPECTED}; {_EXPORT_HINT}")
 
 
 def _read_companion(path: Path) -> dict[str, NDArray[Any]]:
@@ -178,7 +191,9 @@ def _read_companion(path: Path) -> dict[str, NDArray[Any]]:
 
 def _read_rate(path: Path, arrays: Mapping[str, NDArray[Any]]) -> float:
     """Return the sample rate [Hz], which files have as a number or as an array of one."""
-    values = arrays.get("fps", np.zeros(0))
+    if "fps" not in arrays:
+        raise UsageError(f"{path}: fps: missing, expected one rate > 0 Hz, here or in {COMPANION}")
+    values = arrays["fps"]
     if values.size != 1 or values.dtype.kind not in "fiu" or not 0 < float(values.flat[0]) < 1e6:
         raise UsageError(f"{path}: fps: expected one rate > 0 Hz")
     return float(values.flat[0])
@@ -264,7 +279,27 @@ class _ExtraArrays:
         numbers = np.asarray(values, float)
         if np.isnan(numbers).any() and not may_be_nan:
             raise UsageError(f"{self.path}: {key}: NaN in it, expected numbers")
+        if np.isinf(numbers).any() and not key.startswith(_LIMITS):
+            raise UsageError(f"{self.path}: {key}: infinite numbers, expected finite ones")
         return numbers
+
+    def read_nonnegative(self, key: str, shape: tuple[int, ...]) -> Array | None:
+        """Return an array of numbers >= 0, as `read_numbers`."""
+        numbers = self.read_numbers(key, shape)
+        if numbers is not None and (numbers < 0).any():
+            raise UsageError(f"{self.path}: {key}: {numbers.min():g}, expected numbers >= 0")
+        return numbers
+
+    def read_flag(self, key: str) -> bool | None:
+        """Return a truth value; None where there is none."""
+        if key not in self.arrays:
+            return None
+        values = self.arrays[key]
+        if values.size != 1 or values.dtype.kind not in "biu":
+            raise UsageError(
+                f"{self.path}: {key}: {values.dtype} of shape {values.shape}, expected one bool"
+            )
+        return bool(values.flat[0])
 
     def require_numbers(self, key: str, shape: tuple[int, ...]) -> Array:
         """Return an array that has to be there, as `read_numbers`."""
@@ -280,20 +315,30 @@ class _ExtraArrays:
         names = tuple(str(name) for name in np.atleast_1d(self.arrays[key]).tolist())
         if len(names) != count:
             raise UsageError(f"{self.path}: {key}: {len(names)} names, expected {count}")
+        if repeated := sorted({name for name in names if names.count(name) > 1}):
+            raise UsageError(f"{self.path}: {key}: {repeated[0]!r} twice, expected unique names")
         return names
 
     def read_bounds(self, joints: int) -> JointBounds | None:
         """Return the limits of joints; None where the file has none."""
-        values = [
-            self.read_numbers(f"joint_limit_{name}", (joints,))
-            for name in JointBounds.__dataclass_fields__
-        ]
+        keys = [f"{_LIMITS}{name}" for name in JointBounds.__dataclass_fields__]
+        values = [self.read_numbers(key, (joints,)) for key in keys]
         present = [value for value in values if value is not None]
-        return JointBounds(*present) if len(present) == len(values) else None
+        if not present:
+            return None
+        if len(present) < len(values):
+            absent = next(key for key, value in zip(keys, values, strict=True) if value is None)
+            raise UsageError(f"{self.path}: {absent}: missing, expected all of {', '.join(keys)}")
+        bounds = JointBounds(*present)
+        if (bounds.lower > bounds.upper).any():
+            raise UsageError(f"{self.path}: joint_limit_lower: expected at most joint_limit_upper")
+        if not (bounds.speed > 0).all() or not (bounds.torque > 0).all():
+            raise UsageError(f"{self.path}: joint_limit_speed and _torque: expected numbers > 0")
+        return bounds
 
     def read_surfaces(self) -> Surfaces | None:
         """Return names and friction of surfaces; None where the file has none."""
-        friction = self.read_numbers("surface_friction", (-1,))
+        friction = self.read_nonnegative("surface_friction", (-1,))
         if friction is None:
             return None
         return Surfaces(self.read_names("surface_names", len(friction), "surface"), friction)
@@ -301,7 +346,7 @@ class _ExtraArrays:
     def read_contacts(self, bodies: int) -> ContactSamples | None:
         """Return contacts; None where the file has none. Forces may be missing."""
         touching = self.read_numbers("contact", (self.samples, -1))
-        if touching is None:
+        if touching is None or not touching.shape[1]:
             return None
         count = touching.shape[1]
         body = self.require_numbers("contact_body", (count,)).astype(np.int64)
@@ -313,7 +358,9 @@ class _ExtraArrays:
         if surfaces.max(initial=-1) >= (0 if friction is None else len(friction)):
             raise UsageError(f"{self.path}: contact_surface: expected indices of surface_friction")
         offset = self.require_numbers("contact_offset", (count, -1, 3))
-        radius = self.read_numbers("contact_radius", (count,))
+        if not offset.shape[1]:
+            raise UsageError(f"{self.path}: contact_offset: expected 1 point of each foot or more")
+        radius = self.read_nonnegative("contact_radius", (count,))
         vectors = (self.samples, count, 3)
         return ContactSamples(
             names=self.read_names("contact_names", count, "contact"),
@@ -326,7 +373,7 @@ class _ExtraArrays:
             position=self.require_numbers("contact_position", vectors),
             normal=self.require_numbers("contact_normal", vectors),
             moment=self.read_numbers("contact_moment", vectors),
-            is_gripping=bool(np.any(self.arrays.get("contact_grips", np.array(False)))),
+            is_gripping=bool(self.read_flag("contact_grips")),
         )
 
 
@@ -335,7 +382,7 @@ def _read_terrain(path: Path, arrays: Mapping[str, NDArray[Any]]) -> TerrainMesh
     if "terrain_mesh" not in arrays:
         return None
     name = str(arrays["terrain_mesh"])
-    if Path(name).name != name:
+    if arrays["terrain_mesh"].size != 1 or Path(name).name != name or not name:
         raise UsageError(f"{path}: terrain_mesh: {name!r}, expected the name of a file beside it")
     mesh = read_terrain_mesh(path.with_name(name))
     reader = _ExtraArrays(path, arrays, 0)
@@ -343,6 +390,8 @@ def _read_terrain(path: Path, arrays: Mapping[str, NDArray[Any]]) -> TerrainMesh
     quaternion = reader.read_numbers("terrain_quat", (4,))
     vertices = mesh.vertices
     if quaternion is not None:
+        if abs(np.linalg.norm(quaternion) - 1) > _NORM_TOLERANCE:
+            raise UsageError(f"{path}: terrain_quat: expected a unit quaternion w, x, y, z")
         vertices = Rotation.from_quat(quaternion[[1, 2, 3, 0]]).apply(vertices)
     return TerrainMesh(vertices if position is None else vertices + position, mesh.faces)
 
@@ -366,4 +415,6 @@ def _read_facts(path: Path, arrays: Mapping[str, NDArray[Any]]) -> dict[str, obj
         return {}
     with reading(path, "facts in JSON"):
         facts = json.loads(str(arrays["facts"]))
-    return facts if isinstance(facts, dict) else {}
+    if not isinstance(facts, dict):
+        raise UsageError(f"{path}: facts: expected a JSON object")
+    return facts

@@ -345,7 +345,7 @@ def test_names_and_rate_may_stand_in_a_file_beside(motion: TrackedMotion, tmp_pa
     write_motion_file(motion, tmp_path / "own.npz")
     with np.load(tmp_path / "own.npz") as stored:
         np.savez(tmp_path / "motion.npz", allow_pickle=False, **{key: stored[key] for key in KEYS})
-    with pytest.raises(UsageError, match="fps: expected one rate"):
+    with pytest.raises(UsageError, match="fps: missing, expected one rate"):
         read_motion_file(tmp_path / "motion.npz")
     names = {"joint_names": motion.joint_names, "body_names": motion.body_names}
     (tmp_path / "meta.json").write_text(json.dumps({"fps": 30, **names}), encoding="utf-8")
@@ -358,6 +358,7 @@ def test_names_and_rate_may_stand_in_a_file_beside(motion: TrackedMotion, tmp_pa
         read_motion_file(tmp_path / "motion.npz")
 
 
+LIMITS = ("lower", "upper", "speed", "torque")
 WRONG: dict[str, tuple[dict[str, object], str]] = {
     "key": ({"body_quat_w": None}, "no body_quat_w; expected the keys fps, joint_pos"),
     "shape": ({"joint_vel": np.zeros((3, 2))}, r"joint_vel: shape \(3, 2\), expected \(T, J\)"),
@@ -367,6 +368,29 @@ WRONG: dict[str, tuple[dict[str, object], str]] = {
     "rate": ({"fps": np.array([0])}, "fps: expected one rate > 0 Hz"),
     "names": ({"joint_names": np.array(["a"])}, "joint_names: 1 names, expected 2"),
     "contacts": ({"contact": np.ones((5, 1), bool)}, "contact_body: missing"),
+    "points": (
+        {
+            "contact": np.ones((5, 1), bool),
+            "contact_body": np.zeros(1, int),
+            "contact_offset": np.zeros((1, 0, 3)),
+        },
+        "contact_offset: expected 1 point",
+    ),
+    "repeated names": ({"joint_names": np.array(["a", "a"])}, "joint_names: 'a' twice"),
+    "infinite": ({"joint_torque": np.full((5, 2), np.inf)}, "joint_torque: infinite numbers"),
+    "flag": ({"verified": np.array([True, False])}, r"verified: bool of shape \(2,\)"),
+    "facts": ({"facts": np.array(3.0)}, "facts: expected a JSON object"),
+    "no mesh": ({"terrain_mesh": np.array("")}, "terrain_mesh: '', expected the name"),
+    "limits missing": ({"joint_limit_lower": np.zeros(2)}, "joint_limit_upper: missing"),
+    "limits cross": (
+        {f"joint_limit_{k}": np.full(2, v) for k, v in zip(LIMITS, (1.0, 0, 1, 1), strict=True)},
+        "joint_limit_lower: expected at most joint_limit_upper",
+    ),
+    "limits zero": (
+        {f"joint_limit_{k}": np.full(2, v) for k, v in zip(LIMITS, (0.0, 1, 0, 1), strict=True)},
+        "joint_limit_speed and _torque: expected numbers > 0",
+    ),
+    "friction": ({"surface_friction": np.array([-1.0])}, "surface_friction: -1, expected numbers"),
 }
 
 
@@ -394,6 +418,23 @@ def test_files_that_are_no_archives(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "motion.npz"
     path.write_bytes(content)
     with pytest.raises(UsageError, match=r"not an NPZ file of a motion"):
+        read_motion_file(path)
+
+
+def test_plans_and_directories_are_no_motions(tmp_path: Path) -> None:
+    (tmp_path / "plan.h5").write_bytes(b"\x89HDF")
+    for path in (tmp_path, tmp_path / "plan.h5"):
+        with pytest.raises(UsageError, match=r"climbplan export PLAN --format motion"):
+            read_motion_file(path)
+
+
+def test_terrain_needs_an_attitude(motion: TrackedMotion, tmp_path: Path) -> None:
+    path = tmp_path / "motion.npz"
+    write_motion_file(motion, path)
+    with np.load(path) as stored:
+        arrays = dict(stored)
+    np.savez(path, allow_pickle=False, **arrays | {"terrain_quat": np.zeros(4)})
+    with pytest.raises(UsageError, match="terrain_quat: expected a unit quaternion"):
         read_motion_file(path)
 
 

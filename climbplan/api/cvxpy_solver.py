@@ -12,7 +12,6 @@ import hashlib
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +65,7 @@ class SolverSettings:
         """Raise SolverError for a value that is no number >= 0, or no path."""
         for name in ("gap", "absolute_gap", "time_limit", "tolerance"):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, Real) or not value >= 0:
+            if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
                 hint = "; leave it out for none" if name == "time_limit" else ""
                 raise SolverError(f"{NAME}: {name}={value!r}: expected a number >= 0{hint}")
         if self.tolerance == 0:
@@ -200,10 +199,12 @@ def _solve_integers(instance: Instance, chosen: SolverSettings, cache: dict[str,
         try:
             return _run_tree(bounded, chosen, cache, begin)
         except Unbounded:
-            bounded = bound_variables(bounded, integers_only=False, time_limit=chosen.time_limit)
-        if bounded is None:
+            boxed = _bound_all_variables(bounded, chosen)
+        if boxed is None:
             return _Solved(instance, _build_infeasible(begin))
-        return _run_tree(bounded, chosen, cache, begin)
+        if boxed is bounded:
+            return _Solved(bounded, _solve_by_linear_masters(bounded, chosen, begin))
+        return _run_tree(boxed, chosen, cache, begin)
     except UnboundedRelaxation as error:
         result = _build_infeasible(begin)
         return _Solved(instance, replace(result, status="limit", bound=-np.inf, log=(str(error),)))
@@ -229,13 +230,38 @@ def _run_tree(
         cache[NAME] = key, search
     time_left = max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
     result = search.solve(instance, time_left)
-    time_left = max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
-    if result.status in ("feasible", "limit") and not proves and time_left > 0:
+    is_over = time.perf_counter() - begin >= chosen.time_limit
+    if result.status in ("feasible", "limit") and not proves and not is_over:
         # Nodes may stay open by rounding errors; linear masters, which HiGHS solves, close them
-        retry = solve_epigraph(instance, chosen.gap, time_left, chosen.tolerance)
+        retry = _solve_by_linear_masters(instance, chosen, begin)
         if retry.objective is not None or result.objective is None:
             result = retry
     return _Solved(instance, result, search.certificate if proves else None)
+
+
+def _bound_all_variables(instance: Instance, chosen: SolverSettings) -> Instance | None:
+    """Return the instance with bounds of all variables; the same one where some have none.
+
+    Raises:
+        UsageError: Some have none, and a certificate needs them.
+        UnboundedRelaxation: The relaxation has no solution.
+    """
+    try:
+        return bound_variables(instance, integers_only=False, time_limit=chosen.time_limit)
+    except UnboundedRelaxation:
+        raise
+    except UsageError:
+        if chosen.certificate is not None:
+            raise
+        return instance
+
+
+def _solve_by_linear_masters(
+    instance: Instance, chosen: SolverSettings, begin: float
+) -> SolverResult:
+    """Solve by outer approximation with the cost as a cone, which needs no bounds."""
+    time_left = max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
+    return solve_epigraph(instance, chosen.gap, time_left, chosen.tolerance)
 
 
 def _build_infeasible(begin: float) -> SolverResult:

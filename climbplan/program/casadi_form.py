@@ -38,12 +38,21 @@ def state_casadi_problem(
         discrete: (n,) mask of integer variables, which need finite bounds.
 
     Raises:
-        UsageError: A size does not fit, an expression is missing, or an integer has no bounds.
+        UsageError: A size does not fit, an expression is missing or has symbols that are in
+            neither x nor p, bounds cross or are NaN, or an integer has no bounds.
     """
+    if not isinstance(nlp, Mapping):
+        raise UsageError(f"from_casadi: expected a dict with x and f, got {type(nlp).__name__}")
     if missing := [key for key in ("x", "f") if key not in nlp]:
         raise UsageError(f"from_casadi: {' and '.join(missing)} expected among {sorted(nlp)}")
     n, m = nlp["x"].numel(), nlp["g"].numel() if "g" in nlp else 0
+    _check_expressions(nlp)
     lower, upper = _fit("lbx", lbx, n), _fit("ubx", ubx, n)
+    if (crossing := ~(lower <= upper)).any():
+        i = int(crossing.argmax())
+        raise UsageError(
+            f"from_casadi: x[{i}]: lbx <= ubx expected, got {lower[i]:g} and {upper[i]:g}"
+        )
     integer = np.zeros(n, bool) if discrete is None else _fit("discrete", discrete, n) > 0
     variables = [_state_variable(program, i, lower[i], upper[i], integer[i]) for i in range(n)]
     x = ca.vertcat(*variables)
@@ -58,6 +67,24 @@ def state_casadi_problem(
         _state_rows(
             program, ca.vec(ca.densify(rows[0])), x, _fit("lbg", lbg, m), _fit("ubg", ubg, m)
         )
+
+
+def _check_expressions(nlp: Mapping[str, Any]) -> None:
+    """Check that the cost is a scalar, and that expressions depend on x and p only.
+
+    Raises:
+        UsageError: They do not.
+    """
+    if nlp["f"].numel() != 1:
+        raise UsageError(f"from_casadi: f: a scalar expected, got {nlp['f'].numel()} entries")
+    declared = ca.vertcat(*(ca.vec(nlp[key]) for key in ("x", "p") if key in nlp))
+    for key in ("f", "g"):
+        if key not in nlp:
+            continue
+        known = {s.name() for s in ca.symvar(declared)}
+        free = [s.name() for s in ca.symvar(nlp[key]) if s.name() not in known]
+        if free:
+            raise UsageError(f"from_casadi: {key}: symbol {free[0]!r} is in neither x nor p")
 
 
 def _state_variable(program: Any, i: int, lower: float, upper: float, integer: bool) -> Any:
@@ -106,7 +133,10 @@ def _fit(name: str, values: Any, size: int) -> Array:
     Raises:
         UsageError: They do not fit.
     """
-    array = np.asarray(ca.DM(values) if isinstance(values, ca.DM) else values, float).ravel()
+    try:
+        array = np.asarray(values, float).ravel()
+    except (TypeError, ValueError):
+        raise UsageError(f"from_casadi: {name}: numbers expected, got {values!r}") from None
     if array.size not in (1, size):
         raise UsageError(f"from_casadi: {name}: 1 or {size} numbers expected, got {array.size}")
     return np.broadcast_to(array, (size,)).astype(float)

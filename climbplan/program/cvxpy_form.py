@@ -20,7 +20,8 @@ from cvxpy import settings
 from cvxpy.constraints.nonpos import NonNeg
 from cvxpy.constraints.second_order import SOC
 from cvxpy.constraints.zero import Zero
-from cvxpy.error import SolverError
+from cvxpy.error import DCPError, SolverError
+from cvxpy.problems.problem import Problem
 from cvxpy.reductions.solvers.conic_solvers.conic_solver import ConicSolver
 from cvxpy.reductions.solvers.solver import expand_cones
 from scipy import sparse
@@ -166,15 +167,23 @@ def state_cvxpy_problem(program: Any, problem: Any) -> None:
 
     Args:
         program: An empty `Program`, which states the problem afterwards.
-        problem: A `cvxpy.Problem`. Its parameters count with their current values.
+        problem: A `cvxpy.Problem`. Its parameters count with their current values, and a
+            maximisation is stated as the minimisation of the negated cost.
 
     Raises:
-        UsageError: The problem is not convex, needs cones that are not of second order, or has
-            integer variables without bounds.
+        UsageError: It is no problem, has no variables, is not convex, needs cones that are not of
+            second order, has parameters without values, or integer variables without bounds or
+            with bounds that cross.
     """
+    if not isinstance(problem, Problem):
+        raise UsageError(f"from_cvxpy: expected a cvxpy.Problem, got {type(problem).__name__}")
+    if not problem.variables():
+        raise UsageError("from_cvxpy: the problem has no variables")
+    if unset := [p.name() for p in problem.parameters() if p.value is None]:
+        raise UsageError(f"from_cvxpy: parameter {unset[0]!r} has no value: set one")
     try:
         numbers, chain, _ = problem.get_problem_data(ConicForm())
-    except (SolverError, ValueError) as error:
+    except (SolverError, DCPError, ValueError) as error:
         raise UsageError(f"from_cvxpy: {error}") from error
     instance = build_conic_instance(numbers, "cvxpy")
     box = propagate_box(instance)
@@ -183,6 +192,9 @@ def state_cvxpy_problem(program: Any, problem: Any) -> None:
     instance = replace(instance, lower=lower, upper=upper)
     open_integers = instance.integer & ~(np.isfinite(instance.lower) & np.isfinite(instance.upper))
     names = _name_columns(problem, chain, numbers, instance.size)
+    if (crossing := instance.lower > instance.upper).any():
+        block = next(name for name, span in names.items() if crossing[span].any())
+        raise UsageError(f"from_cvxpy: infeasible: the bounds of {block!r} cross")
     if open_integers.any():
         block = next(name for name, span in names.items() if open_integers[span].any())
         raise UsageError(f"from_cvxpy: integer variable {block!r} has no bounds: state them")

@@ -13,8 +13,6 @@ import pytest
 
 import climbplan
 from climbplan.errors import UsageError
-from climbplan.program.cvxpy_form import build_conic_instance
-from climbplan.solvers.mixed_integer.outer_approximation import solve_epigraph
 from climbplan.store.certificate_file import read_certificates
 from climbplan.verification.certificates import verify_certificates
 
@@ -101,17 +99,6 @@ def test_the_last_tree_is_the_start_of_the_next() -> None:
     assert warm < cold
     fresh = problem.solve(solver=climbplan.CVXPY(), warm_start=False)
     assert value == pytest.approx(fresh, rel=2e-4)
-
-
-def test_epigraphs_of_quadratic_costs() -> None:
-    for seed in (0, 2, 4):
-        problem = random_problem(seed)
-        data, *_ = problem.get_problem_data(climbplan.CVXPY())
-        instance = build_conic_instance(data, "epigraph")
-        result = solve_epigraph(instance, gap=1e-5)
-        problem.solve(solver=climbplan.CVXPY(gap=1e-5))
-        assert result.status == problem.status == "optimal"
-        assert result.objective == pytest.approx(problem.value, rel=1e-4)
 
 
 def test_certificate(tmp_path: Path) -> None:
@@ -210,3 +197,43 @@ def test_cones_without_an_interior() -> None:
     value = problem.solve(solver=climbplan.CVXPY(gap=1e-5))
     assert problem.status == "optimal"
     assert value == pytest.approx(problem.solve(solver=cp.SCIP), rel=1e-3)
+
+
+def test_costs_flat_in_variables_without_bounds() -> None:
+    place, reach = cp.Parameter(5), cp.Parameter(nonneg=True)
+    x, z = cp.Variable(5), cp.Variable(5, integer=True)
+    cost = cp.sum_squares(x - place) + 0.2 * cp.norm1(z) + 0.4 * cp.sum_squares(x - z)
+    rows = [cp.abs(z) <= 3, cp.sum(z) >= reach, cp.norm(x) <= reach + 1]
+    problem = cp.Problem(cp.Minimize(cost), rows)
+    rng = np.random.default_rng(0)
+    for reach_value in (0, 3, 40, 2):
+        place.value, reach.value = 2 * rng.normal(size=5), reach_value
+        value = problem.solve(solver=climbplan.CVXPY(gap=1e-5))
+        status = problem.status
+        assert value == pytest.approx(problem.solve(solver=cp.SCIP), rel=1e-3)
+        assert status == problem.status
+
+
+def test_problems_that_are_no_programs_are_told() -> None:
+    x, z, unset = cp.Variable(2), cp.Variable(2, boolean=True), cp.Parameter(name="unset")
+    for problem, words in (
+        (3, "expected a cvxpy.Problem, got int"),
+        (cp.Problem(cp.Minimize(3)), "no variables"),
+        (cp.Problem(cp.Minimize(unset * z[0])), "parameter 'unset' has no value"),
+        (cp.Problem(cp.Minimize(-cp.square(x[0]))), "DCP"),
+        (cp.Problem(cp.Minimize(z[0]), [cp.sum(z) >= 9]), "infeasible: the bounds of"),
+    ):
+        with pytest.raises(UsageError, match=f"from_cvxpy: .*{words}"):
+            climbplan.Program.from_cvxpy(problem)
+    symbol, free = ca.SX.sym("x", 2), ca.SX.sym("y")
+    cost = ca.sumsqr(symbol)
+    for nlp, bounds, words in (
+        (3, {}, "expected a dict with x and f"),
+        ({"x": symbol, "f": symbol}, {}, "f: a scalar expected, got 2"),
+        ({"x": symbol, "f": cost + free}, {}, "f: symbol 'y' is in neither"),
+        ({"x": symbol, "f": cost}, {"lbx": np.nan}, r"x\[0\]: lbx <= ubx expected"),
+        ({"x": symbol, "f": cost}, {"lbx": 3, "ubx": [4, 1]}, r"x\[1\]: lbx <= ubx expected"),
+        ({"x": symbol, "f": cost}, {"lbx": "a"}, "lbx: numbers expected, got 'a'"),
+    ):
+        with pytest.raises(UsageError, match=f"from_casadi: {words}"):
+            climbplan.Program.from_casadi(nlp, **bounds)  # type: ignore[arg-type]

@@ -307,3 +307,43 @@ def test_rows_that_contradict_each_other_by_little_are_no_incumbent(seed: int) -
     """Both can be active with multipliers of 1e15, and neither be met; SCIP calls these empty."""
     answer = WarmStartedTree(1e-5, 1e-6).solve(random_program(seed).instantiate({}), 60.0)
     assert answer.status == "infeasible"
+
+
+def test_rays_of_rounding_errors_prove_no_bound() -> None:
+    """Beside narrow ranges the ray of an empty node is of rounding errors, and closed another."""
+    lower, upper = np.full(13, -np.inf), np.full(13, np.inf)
+    lower[2:7], upper[2:7] = [-2.120919665801982, 0.0, 0.0, 0.0, 0.0], [3.5, 1.0, 1.0, 1.0, 1.0]
+    lower[7:9] = [-1.0000254433134535e-06, -1.0000262312498882e-06]
+    upper[7:9] = [0.0007429032414068002, 0.0007429032413002939]
+    upper[11:] = 5.0
+    rows = np.zeros((12, 13))
+    rows[[0, 1], [0, 1]], rows[[0, 1], [9, 10]], rows[2, 2:7] = -1.0, 1.0, 1.0
+    for first, (bound, sign) in enumerate(((7, 1.0), (7, -1.0), (11, 1.0), (11, -1.0))):
+        for k in range(2):
+            rows[3 + 2 * first + k, [bound + k, 9 + k]] = -1.0, sign
+    rows[11, [3, 9]] = -4.0, 1.0
+    slope = np.zeros(13)
+    slope[2:9] = [
+        1.1229209699055602, 0.6651080120448106, 0.5034166659467222, 1.1180498251819484,
+        -0.68303728113005, 1.0, 1.0,
+    ]  # fmt: skip
+    program = Program("rays")
+    program.minimise("cost", program.continuous("v", (13,), -1.0, 1.0).sum())
+    instance = replace(
+        program.instantiate(),
+        lower=lower,
+        upper=upper,
+        q=slope,
+        P=sparse.csc_matrix(np.diag([0.2, 0.2] + 11 * [0.0])),
+        A=sparse.csr_matrix(rows),
+        row_lower=np.array(3 * [1.0] + 9 * [-np.inf]),
+        row_upper=np.array(3 * [1.0] + 8 * [0.0] + [-1.0]),
+        Q=sparse.csr_matrix((12, 0)),
+        constant=-3.0,
+        integer=np.isin(np.arange(13), range(2, 7)),
+    )
+    point = np.array([-1, -1, -2, 1, 1, 0, 1, 0, 0, 0, 0, 5, 5], float)
+    assert instance.violation(point) < 1e-9
+    assert solve_mixed_integer(instance, gap=1e-6, time_limit=60.0).bound <= instance.objective(
+        point
+    )

@@ -180,24 +180,33 @@ def _shift_proximal_center(n: ProblemData, s: SearchState) -> None:
 
 @compiled
 def _compute_ray_bound(s: SearchState, w: WorkingSet) -> float:
-    """Return the bound that the ray of an infeasible program proves, constant included."""
+    """Return the bound that the ray of an infeasible program proves, constant included.
+
+    Where ranges are narrow, gain and pull may both be of the size of rounding errors, and their
+    ratio would prove anything: both count with their worst error.
+    """
     k = s.rows.M.shape[1]
     pull = s.scratch[1]
     pull[:] = 0.0
-    gain = 0.0
+    gain, gain_error, pull_error = 0.0, 0.0, 0.0
     for i in range(w.ray_count[0]):
         row, side, weight = w.ray_row[i], w.ray_side[i], w.ray[i]
         if weight < 0.0 and s.rows.lower[row] < s.rows.upper[row]:
             weight = 0.0
-        gain -= weight * _find_right_side(s.rows, row, side)
+        edge = _find_right_side(s.rows, row, side)
+        gain -= weight * edge
+        gain_error += _ROUNDING * weight * (0.0 if np.isinf(edge) else abs(edge))
+        pull_error += _ROUNDING * weight  # rows have norm 1
         for j in range(k):
             pull[j] += weight * side * s.rows.M[row, j]
+    gain -= gain_error
     if gain <= 0.0:
         return -np.inf
     square = 0.0
     for j in range(k):
         square += pull[j] * pull[j]
-    return 0.5 * gain * gain / max(square, 1e-300) + s.scalars[CONSTANT]
+    length = np.sqrt(square) + pull_error
+    return 0.5 * gain * gain / max(length * length, 1e-300) + s.scalars[CONSTANT]
 
 
 @compiled

@@ -81,8 +81,8 @@ def _check_expressions(nlp: Mapping[str, Any]) -> None:
     for key in ("f", "g"):
         if key not in nlp:
             continue
-        known = {s.name() for s in ca.symvar(declared)}
-        free = [s.name() for s in ca.symvar(nlp[key]) if s.name() not in known]
+        declared_names = {s.name() for s in ca.symvar(declared)}
+        free = [s.name() for s in ca.symvar(nlp[key]) if s.name() not in declared_names]
         if free:
             raise UsageError(f"from_casadi: {key}: symbol {free[0]!r} is in neither x nor p")
 

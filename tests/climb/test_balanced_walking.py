@@ -118,7 +118,7 @@ def test_auto_finds_the_shift_where_the_spec_leaves_it_open(spec: Path) -> None:
     other.write_text(text)
     plan = plan_climb(load_climb(other))
     assert verify_plan(plan).passed
-    assert "posture.steps.com_shift_max" in plan.warnings[0]
+    assert "posture.steps.com_shift_max" in plan.notes[0]
     assert plan.limits.shift_max > 0
 
 

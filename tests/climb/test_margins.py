@@ -171,7 +171,7 @@ def test_checks_recompute_margins_and_call_a_plan_fragile(tmp_path: Path) -> Non
     write_climb(swapped, path)
     mark_verified(path, found)
     with h5py.File(path) as file:
-        assert "commanded penetration" in file.attrs["fragile"]
+        assert "outside its surface" in file.attrs["fragile"]
 
 
 def test_toes_keep_off_edges_that_end_something() -> None:
@@ -219,7 +219,7 @@ def test_a_surface_may_lack_friction_and_single_rounds_may_ask_for_more() -> Non
     assert (kept.forces.mu_critical / mu).max() < 0.65 + 1e-6
     assert verify_plan(kept).fragile == ()
     checked = {check.name: check for check in verify_plan(kept).checks}
-    assert checked["robust.slip"].margin.endswith(" of 35 %")
+    assert checked["robust.slip"].margin.endswith(", margin 35 %")
     swapped = replace(bare, spec_text=kept.spec_text, spec_sha256=kept.spec_sha256)
     assert any(
         "loss of friction before it slides" in words for words in verify_plan(swapped).fragile

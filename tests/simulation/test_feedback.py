@@ -29,7 +29,7 @@ def test_joints_are_the_default(planned: Planned) -> None:
 
 
 def test_a_toe_counts_once_it_has_landed(planned: Planned) -> None:
-    """Swings of 0.4 m/s are trailed by 0.1 s: toes that counted at once were 12 mm in the air."""
+    """Toes trail their commands: a fast one is still in the air when it should touch."""
     plan = planned()
     time, trusted = plan.trajectory.time, find_trusted_toes(plan)
     landings = np.diff(plan.trajectory.contact.astype(int), axis=0) == 1

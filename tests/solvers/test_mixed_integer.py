@@ -310,7 +310,7 @@ def test_rows_that_contradict_each_other_by_little_are_no_incumbent(seed: int) -
 
 
 def test_rays_of_rounding_errors_prove_no_bound() -> None:
-    """Beside narrow ranges the ray of an empty node is of rounding errors, and closed another."""
+    """Beside narrow ranges a ray may consist of rounding errors, which prove no infeasibility."""
     lower, upper = np.full(13, -np.inf), np.full(13, np.inf)
     lower[2:7], upper[2:7] = [-2.120919665801982, 0.0, 0.0, 0.0, 0.0], [3.5, 1.0, 1.0, 1.0, 1.0]
     lower[7:9] = [-1.0000254433134535e-06, -1.0000262312498882e-06]

@@ -21,6 +21,7 @@ Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done, from 0 to 1."""
 
 LINE_INTERVAL = 5.0  # [s] between lines of progress
+INTERVAL_VARIABLE = "CLIMBPLAN_PROGRESS_SECONDS"  # of the environment, for the command line
 _MIN_FRACTION = 0.03  # of a stage, from which its remaining time is estimated
 _METER: ContextVar[ProgressMeter | None] = ContextVar("meter", default=None)
 
@@ -121,7 +122,7 @@ class ProgressMeter:
     def describe(self) -> str:
         """Return one line: stage, fraction, and the facts of `describe_facts`."""
         percent = f"{100 * self.fraction:.0f} %" if self.fraction > 0 else ""
-        return f"{self.stage or 'prepare':<10}{percent:<6}{self.describe_facts()}"
+        return f"{self.stage or 'prepare':<9} {percent:<6}{self.describe_facts()}"
 
     def describe_facts(self) -> str:
         """Return times, incumbent and bound, and what is being compiled, as far as known."""

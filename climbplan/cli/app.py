@@ -66,7 +66,7 @@ GROUPS = {
         "fit-terrain",
     ),
     "Check": ("verify", "simulate", "measure"),
-    "Look and take away": ("report", "view", "export"),
+    "Look and take away": ("serve", "report", "view", "export"),
     "Write and look up": ("new", "validate", "schema", "robot", "doctor"),
 }
 _NAMES = tuple(name for names in GROUPS.values() for name in names)

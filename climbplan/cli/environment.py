@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from climbplan.errors import UsageError
+from climbplan.progress import INTERVAL_VARIABLE
 
 # Matrices here are small: threads in BLAS cost more than they give, several times more where other
 # processes (the workers of --jobs) use the cores.
@@ -23,6 +24,7 @@ class _WholeNumber:
 
 
 _VARIABLES = {
+    INTERVAL_VARIABLE: _WholeNumber(1, 86_400, "seconds between lines of progress"),
     "NUMBA_NUM_THREADS": _WholeNumber(1, 4096, "threads of compiled code"),
     # The end of the year 9999
     "SOURCE_DATE_EPOCH": _WholeNumber(0, 253_402_300_799, "seconds since 1970"),

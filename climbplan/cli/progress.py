@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from contextlib import ExitStack
@@ -9,7 +10,13 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from climbplan.cli.console import Invocation
-from climbplan.progress import ProgressLines, ProgressMeter, format_seconds
+from climbplan.progress import (
+    INTERVAL_VARIABLE,
+    LINE_INTERVAL,
+    ProgressLines,
+    ProgressMeter,
+    format_seconds,
+)
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -38,7 +45,8 @@ class StageProgress:
     def __enter__(self) -> Self:
         self._context.enter_context(self._meter.observe())
         if self._session.writes_progress:
-            lines = ProgressLines(self._meter, self._session.write_progress)
+            seconds = float(os.environ.get(INTERVAL_VARIABLE, LINE_INTERVAL))
+            lines = ProgressLines(self._meter, self._session.write_progress, seconds)
             self._context.enter_context(lines)
         return self
 

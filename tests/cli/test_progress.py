@@ -13,8 +13,10 @@ import pytest
 import climbplan
 from climbplan import compiling, progress
 from climbplan.cli.console import Invocation
+from climbplan.cli.environment import require_sound_environment
 from climbplan.cli.progress import StageProgress
-from climbplan.progress import ProgressLines, ProgressMeter, format_seconds, report_search
+from climbplan.errors import UsageError
+from climbplan.progress import ProgressMeter, format_seconds, report_search
 
 PACKAGE = Path(climbplan.__file__).parent
 STAGE = re.compile(r'(?:report|progress|\.stage)\(\s*"([a-z]+)"')
@@ -35,8 +37,7 @@ def _run_briefly(session: Invocation) -> None:
 
 @pytest.fixture
 def short_interval(monkeypatch: pytest.MonkeyPatch) -> None:
-    interval = (0.05,)  # [s], the default of the last parameter
-    monkeypatch.setattr(ProgressLines.__init__, "__defaults__", interval)
+    monkeypatch.setattr("climbplan.cli.progress.LINE_INTERVAL", 0.05)  # [s]
 
 
 @pytest.mark.usefixtures("short_interval")
@@ -50,6 +51,19 @@ def test_lines_go_to_standard_error_alone(
     first = err.splitlines()[0]
     assert first.startswith("progress  posture   40 %  0 s elapsed, about 0 s left of this stage")
     assert first.endswith("incumbent 0.0747, bound 0.0739")
+
+
+def test_the_environment_sets_the_interval(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(progress.INTERVAL_VARIABLE, "1")
+    with StageProgress(Invocation()) as stages:
+        stages.report("trajectory", 1.0)
+        time.sleep(1.2)
+    assert "progress  trajectory 100 % 1 s elapsed" in capsys.readouterr().err
+    monkeypatch.setenv(progress.INTERVAL_VARIABLE, "soon")
+    with pytest.raises(UsageError, match="CLIMBPLAN_PROGRESS_SECONDS"):
+        require_sound_environment()
 
 
 @pytest.mark.usefixtures("short_interval")

@@ -1,4 +1,4 @@
-"""Accept WebSocket connections of a viewer from its own pages only.
+"""Accept connections of a viewer or of the live page from its own pages only.
 
 Browsers let every page connect to every address, this machine's own included, and say in the header
 Origin which page asks. Programs that are no browsers send none, and read nothing of a user's.
@@ -13,8 +13,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 from urllib.parse import urlsplit
-
-import websockets.asyncio.server as sockets
 
 _LOOPBACK = {"localhost", "127.0.0.1", "::1"}
 
@@ -54,6 +52,8 @@ def _list_host_names() -> set[str]:
 @contextmanager
 def restrict_to_own_origins(listened: str) -> Iterator[None]:
     """Have servers that viser starts in the block refuse connections from pages of others."""
+    import websockets.asyncio.server as sockets
+
     serve = sockets.serve
 
     def serve_guarded(*arguments: Any, **options: Any) -> Any:

@@ -1,0 +1,1 @@
+"""The live page of `climbplan serve`: specs in an editor, planned, replayed and compared."""

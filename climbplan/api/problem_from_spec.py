@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from climbplan.api.ctrl_c import ctrl_c_insists
@@ -17,6 +18,8 @@ from climbplan.deprecation import renamed_parameters
 from climbplan.errors import UsageError
 from climbplan.program.problem import Problem
 from climbplan.schema.loaded import LoadedSpec
+from climbplan.solvers.model_files import is_model_file
+from climbplan.solvers.model_files.reading import problem_from_file
 from climbplan.walking.schema.loading import LoadedMpc
 
 ProblemAndParameters = tuple[Problem, dict[str, Array]]
@@ -39,6 +42,7 @@ def problem_from_spec(
       has `state{n}` (position, velocity, roll pitch yaw, angular velocity), `toe{n}` (x, y of each
       leg), `force{n}` and `contact{n}`.
     - A bookshelf spec gives its only scene.
+    - A model file (.mps, .lp, .nl, .qplib) gives the problem that it states, without parameters.
 
     Rows may be added before the problem is solved: `problem.program.between("mine", ...)` on
     `problem.program.affine(...)`; `problem.program.variables` lists the variables. Solutions have
@@ -47,7 +51,7 @@ def problem_from_spec(
     slower than the planner's `micp`, which uses the structure.
 
     Args:
-        spec: the result of `climbplan.load_spec`, or anything that it takes.
+        spec: the result of `climbplan.load_spec`, anything that it takes, or a model file.
         overrides: values by dotted key, as with `--set`.
 
     Returns:
@@ -58,6 +62,10 @@ def problem_from_spec(
         UsageError: the kind has no formulation, or the spec names a file of several scenes.
         NoPlanFound: the search has no contact sequence for a transition.
     """
+    if isinstance(spec, (str, Path)) and is_model_file(str(spec)):
+        if overrides:
+            raise UsageError(f"{spec}: a model file has no keys to override")
+        return problem_from_file(spec), {}
     if isinstance(spec, LoadedSpec):
         loaded: object = override_spec(spec, overrides) if overrides else spec
     else:

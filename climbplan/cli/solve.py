@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -33,6 +35,7 @@ from climbplan.errors import ExitCode, Infeasible, LimitReached, UsageError
 if TYPE_CHECKING:
     from climbplan.methods.run import SolvedRows
     from climbplan.program.problem import Problem
+    from climbplan.schema.overrides import Override
     from climbplan.schema.program.loading import LoadedProgram
     from climbplan.store.program_plan import ProgramPlan
     from climbplan.verification.verification import Verification
@@ -86,13 +89,14 @@ class SolveOptions:
 
 @takes_options(SolveOptions)
 def solve(context: typer.Context, options: SolveOptions) -> None:
-    """Solve a problem of your own, stated in Python, by any method.
+    """Solve a problem of your own, stated in Python or in a model file, by any method.
 
-    SPEC (kind: program) has the parameters and the method, --problem names the statement. Prints
-    the path of the plan file. Exit code 3 if the problem is proved infeasible, 4 if a limit was
-    reached without an answer, 5 if an answer fails the statement's exact check. Of several rows one
-    answer is enough for a plan; those without one are counted in a warning. With --certificate
-    proofs are written also where nothing is feasible.
+    SPEC (kind: program) has the parameters and the method, --problem names the statement. A model
+    file (.mps, .lp, .nl, .qplib) may stand in place of both. Prints the path of the plan file. Exit
+    code 3 if the problem is proved infeasible, 4 if a limit was reached without an answer, 5 if an
+    answer fails the statement's exact check. Of several rows one answer is enough for a plan; those
+    without one are counted in a warning. With --certificate proofs are written also where nothing
+    is feasible.
     """
     from climbplan.cli.output_directory import OutputDirectory
 
@@ -139,6 +143,7 @@ def _load_spec(options: SolveOptions) -> tuple[LoadedProgram, str]:
     """
     from climbplan.cli.spec_options import spec_overrides
     from climbplan.schema.program.loading import load_program
+    from climbplan.solvers.model_files import is_model_file
 
     solvers = options.solver or []
     if len(solvers) > 1:
@@ -152,19 +157,38 @@ def _load_spec(options: SolveOptions) -> tuple[LoadedProgram, str]:
         options.method,
         solver=solvers[0] if solvers else None,
     )
-    loaded = load_program(options.spec, overrides)
+    problem = options.problem
+    if is_model_file(options.spec):
+        if problem is not None:
+            raise UsageError(f"{options.spec} states a problem itself: leave --problem out")
+        problem, loaded = options.spec, _load_default_spec(options.spec, overrides)
+    else:
+        loaded = load_program(options.spec, overrides)
     solver = loaded.spec.solver
     if options.sequence and (solver.method not in _SEQUENCE or solver.solver):
         raise UsageError(
             "--sequence: solved by method branch-and-bound or benders, got "
             f"{solver.method!r}; give --method branch-and-bound and no solver"
         )
-    if options.problem is None:
+    if problem is None:
         named = f"; the spec is written for {loaded.spec.problem}" if loaded.spec.problem else ""
         raise UsageError(
             f"a spec alone imports no code: name the statement with --problem MODULE:OBJECT{named}"
         )
-    return loaded, options.problem
+    return loaded, problem
+
+
+def _load_default_spec(model_file: str, overrides: Sequence[str | Override]) -> LoadedProgram:
+    """Return the spec of a problem without parameters that is stated by a model file."""
+    from climbplan.schema.overrides import apply_overrides
+    from climbplan.schema.program.loading import build_program
+    from climbplan.schema.source import SourceText
+    from climbplan.schema.yaml_source import parse_yaml
+
+    path = Path(model_file)
+    text = f"kind: program\nproblem: {json.dumps(path.name)}\n"
+    source = SourceText(model_file, path.stem, path.resolve().parent, text)
+    return build_program(apply_overrides(parse_yaml(text, model_file), overrides), source)
 
 
 def _solve_rows(

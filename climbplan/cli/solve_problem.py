@@ -30,7 +30,7 @@ ProblemName = Annotated[
         "--problem",
         metavar="MODULE:OBJECT",
         help="The problem's statement: MODULE:OBJECT, FILE.py:OBJECT, or the name of an installed "
-        f"entry point of the group {GROUP}. This code is run.",
+        f"entry point of the group {GROUP}, whose code is run; or a model file.",
     ),
 ]
 
@@ -38,10 +38,18 @@ ProblemName = Annotated[
 def load_problem(name: str) -> Problem:
     """Import what a name stands for; the current directory is looked in like `python -m` does.
 
+    Model files (.mps, .lp, .nl, .qplib) are read, and run no code.
+
     Raises:
-        UsageError: there is no such module, object or entry point, or it is no problem.
+        UsageError: there is no such module, object, entry point or file, or it is no problem.
         StatementError: the statement raised an exception, which is its cause.
     """
+    from climbplan.solvers.model_files import is_model_file
+
+    if is_model_file(name):
+        from climbplan.solvers.model_files.reading import problem_from_file
+
+        return problem_from_file(name)
     place, colon, attribute = name.rpartition(":")
     if not colon:
         return _as_problem(name, _load_entry_point(name))

@@ -43,7 +43,9 @@ METHODS: tuple[Method, ...] = get_args(Method)
 NEEDS_LIBRARY = ("knn",)
 LEARNED = (*NEEDS_LIBRARY, *NEEDS_MODEL)
 _BEYOND_BINARIES = frozenset({"cones", "integers beyond 0 and 1"})
+_LINEAR = frozenset({"integers", "integers beyond 0 and 1"})  # of programs that HiGHS takes whole
 _CONIC_METHODS = ("branch-and-bound", "minlp-scip")  # hold these two features
+_MAX_LINEAR_INTEGERS = 30  # from which on HiGHS, with its cuts, solves linear programs faster
 _MAX_PRODUCTS = 50  # largest number of products for which `auto` selects the built-in tree
 
 
@@ -94,7 +96,10 @@ def solve_instance(
         method = _select_method(instance, settings)
     if settings.certificate and method != "branch-and-bound":
         raise UsageError(f"a certificate is made by method branch-and-bound, not by {method!r}")
-    if (beyond := instance.features & _BEYOND_BINARIES) and method not in _CONIC_METHODS:
+    beyond = instance.features & _BEYOND_BINARIES
+    if method == "mccormick" and instance.features <= _LINEAR:
+        beyond = frozenset()
+    if beyond and method not in _CONIC_METHODS:
         raise UsageError(
             f"method {method!r} holds no {' and no '.join(sorted(beyond))}: use "
             + " or ".join(_CONIC_METHODS)
@@ -123,10 +128,14 @@ def solve_instance(
 def _select_method(instance: Instance, settings: MethodSettings) -> Method:
     """Select the built-in tree where it supports the statement and no other solver is required.
 
-    `mccormick` is selected for more products than the tree, whose matrices are dense, solves fast.
+    `mccormick` is selected for more products than the tree, whose matrices are dense, solves fast,
+    and for mixed-integer linear programs, which HiGHS then solves.
     """
     uses_tree = instance.features <= require("branch-and-bound").accepts and settings.solver is None
     uses_tree = uses_tree and instance.products.count <= _MAX_PRODUCTS
+    is_linear = instance.features <= _LINEAR and not instance.P.count_nonzero()
+    if is_linear and instance.binary_count > _MAX_LINEAR_INTEGERS and not settings.certificate:
+        uses_tree = False
     return "branch-and-bound" if uses_tree else "mccormick"
 
 

@@ -311,3 +311,30 @@ def test_rows_as_a_sequence(pond: Path, run_command: RunCommand) -> None:
     refused = run_command(*command, "--sequence", "--method", "mpcc")
     assert refused.code == 2
     assert "solved by method branch-and-bound or benders, got 'mpcc'" in refused.err
+
+
+def test_a_model_file_in_place_of_a_spec(run_command: RunCommand, workplace: Path) -> None:
+    text = "NAME knap\nROWS\n N cost\n L size\nCOLUMNS\n m 'MARKER' 'INTORG'\n"
+    text += "".join(f" x{i} cost -{i + 2} size {2 * i + 3}\n" for i in range(5))
+    (workplace / "knap.mps").write_text(text + "RHS\n RHS size 12\nENDATA\n")
+    done = run_command("solve", "knap.mps", "--certificate", "proof.h5", "--json")
+    assert done.code == 0, done.err
+    report = json.loads(done.out)
+    best = max(
+        sum(i + 2 for i in range(5) if bits >> i & 1)
+        for bits in range(32)
+        if sum(2 * i + 3 for i in range(5) if bits >> i & 1) <= 12
+    )
+    assert report["objective"] == pytest.approx(-best)
+    assert report["results"][0]["bound"] == pytest.approx(-best, rel=1e-4)
+    assert run_command("verify", "outputs/knap", "--problem", "knap.mps").code == 0
+    assert run_command("verify", "proof.h5", "--problem", "knap.mps").code == 0
+
+
+def test_a_damaged_model_file(run_command: RunCommand, workplace: Path) -> None:
+    (workplace / "knap.mps").write_text("NAME knap\nROWS\n N cost\n Z size\n")
+    done = run_command("solve", "knap.mps")
+    assert done.code == 2
+    assert "knap.mps:4: expected N, L, G or E" in done.err
+    done = run_command("solve", "knap.mps", "--problem", STATEMENT.name)
+    assert "leave --problem out" in done.err

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import importlib.util
 import io
 import json
@@ -287,8 +288,9 @@ class Plan(Group):
 
         Args:
             path: file to write, or for formats of several files a directory that does not exist.
-            format: "csv", "npz", "mcap", "ros2", "jtc" or "usd".
-            rate: sample rate [Hz]; None keeps the plan's own samples.
+            format: "csv", "npz", "mcap", "ros2", "jtc", "usd", or "motion", an NPZ file with
+                contacts for pipelines that track motions.
+            rate: sample rate [Hz]; None keeps the plan's own samples, of "motion" 50 Hz.
             gains: P gain of the controller [N m/rad], a YAML file of gains, or "rigid"; None keeps
                 the robot's joint stiffness.
 
@@ -300,12 +302,21 @@ class Plan(Group):
         from climbplan.exports.formats import apply_trajectory_controller_defaults as apply_defaults
 
         target = Path(path)
-        if format not in FORMATS:
-            raise UsageError(f"no format {format!r}: expected one of {', '.join(FORMATS)}")
+        names = [*FORMATS, "motion"]
+        if format not in names:
+            raise UsageError(f"no format {format!r}: expected one of {', '.join(names)}")
         if target.exists():
             raise UsageError(f"{target}: already exists")
         if objection := self.verify().objection:
             raise VerificationFailed(f"{self._path} {objection}")
+        if format == "motion":
+            from climbplan.motions.motion_file import write_motion_file
+
+            if gains is not None or target.suffix != ".npz":
+                raise UsageError(f"{target}: expected a file that ends with .npz, without gains")
+            tracked = self._kind.read_tracked_motion(self._path, rate)
+            write_motion_file(dataclasses.replace(tracked, is_verified=True), target)
+            return target
         motion = self._kind.read_motion(self._path)
         options = ControllerOptions(rate, gains)
         if format == "jtc":

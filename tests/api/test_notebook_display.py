@@ -86,3 +86,15 @@ def test_a_solution_names_the_nearest_variable() -> None:
     assert "<td>height</td>" in solution._repr_html_()
     with pytest.raises(KeyError, match="did you mean 'height'"):
         solution["hieght"]
+
+
+def test_a_motion_for_policies_is_exported(plan: climbplan.Plan, tmp_path: Path) -> None:
+    path = plan.export(tmp_path / "motion.npz", "motion", rate=20.0)
+    with np.load(path) as motion:
+        assert motion["fps"] == 20
+        assert motion["contact"].shape[1] == 6
+        assert motion["verified"]
+    with pytest.raises(UsageError, match=r"\.npz"):
+        plan.export(tmp_path / "motion.csv", "motion")
+    with pytest.raises(UsageError, match="motion"):
+        plan.export(tmp_path / "x", "nothing")

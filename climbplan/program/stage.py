@@ -77,7 +77,18 @@ class Stage(NamedRows):
         self.inputs = tuple(inputs)
         self._inputs = [ca.vec(symbol) for symbol in inputs.values()]
 
+    @property
+    def num_rows(self) -> int:
+        """Number m of rows."""
+        return sum(len(rows.lower) for rows in self._rows)
+
+    def get_expressions(self) -> tuple[list[Any], Any, Any]:
+        """Return the inputs, the rows (m,) and the costs (c,) as expressions of the inputs."""
+        outputs = (ca.vertcat(*self._expressions), ca.vertcat(*self._costs.values()))
+        rows, costs = (ca.densify(out) for out in outputs)
+        return list(self._inputs), rows, costs
+
     def function(self) -> Any:
         """Return the ca.Function: columns -> (rows (m,), costs (c,))."""
-        outputs = [ca.vertcat(*self._expressions), ca.vertcat(*self._costs.values())]
-        return ca.Function(self.name, self._inputs, [ca.densify(out) for out in outputs])
+        inputs, *outputs = self.get_expressions()
+        return ca.Function(self.name, inputs, outputs)

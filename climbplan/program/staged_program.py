@@ -21,6 +21,11 @@ from climbplan.arrays import Array, IntArray
 from climbplan.program.layout import MatrixLayout
 from climbplan.program.residuals import BlockResidual, RowNames, compute_violation
 from climbplan.program.stage import NamedRows, Stage
+from climbplan.program.stage_derivatives import (
+    ProgramDerivatives,
+    StageCall,
+    build_stage_derivatives,
+)
 from climbplan.program.statement import Program
 
 
@@ -54,6 +59,25 @@ class StagedProgram(NamedRows):
         self._lower: list[Array] = []
         self._upper: list[Array] = []
         self._binary: list[bool] = []
+        self._calls: list[StageCall] = []
+        self._has_other_terms = False  # rows or costs that are of no stage
+
+    def between(
+        self,
+        name: str,
+        expression: Any,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        unit: str = "",
+    ) -> None:
+        """Add lower <= expression <= upper, elementwise; the expression may be empty."""
+        self._has_other_terms = True
+        super().between(name, expression, lower, upper, unit)
+
+    def minimise(self, name: str, term: Any) -> None:
+        """Add a term to a named cost."""
+        self._has_other_terms = True
+        super().minimise(name, term)
 
     def variable(
         self,
@@ -122,7 +146,18 @@ class StagedProgram(NamedRows):
         self._expressions.append(ca.vec(rows))
         self._rows += stage._rows * knots
         for name, term in zip(stage._costs, ca.vertsplit(ca.sum2(costs)), strict=True):
-            self.minimise(name, term)
+            super().minimise(name, term)
+        self._calls.append(StageCall(stage, tuple(matrices), knots))
+
+    def build_derivatives(self) -> ProgramDerivatives:
+        """Build the derivatives of a program of stages from those of one knot of each.
+
+        Raises:
+            ValueError: It has rows or costs that are of no stage, or its symbols are scalars.
+        """
+        if self._has_other_terms or self._symbols is not ca.MX:
+            raise ValueError(f"{self.name}: not all rows and costs are those of stages")
+        return build_stage_derivatives(self.x, self.p, self._calls)
 
     def relax(self, eps: float) -> None:
         """Relax binaries by z (1 - z) <= eps, eq. (7.4), with rows after all others.

@@ -184,3 +184,61 @@ def test_inputs_of_a_stage_by_name() -> None:
             both.add(stage, x, **wrong)
     with pytest.raises(ValueError, match="sum takes a, b"):
         both.add(stage, x, y, y)
+
+
+def build_two_stages(knots: int) -> StagedProgram:
+    """Knots that follow one another, the first from a parameter; a stage of the last one alone."""
+    names = ("before", "after", "target")
+    before, after, target = (ca.SX.sym(name, 2) for name in names)
+    motion = Stage("motion", {"before": before, "after": after, "target": target})
+    motion.equal("dynamics", after - before + ca.sin(before) * after[0])
+    motion.between("bound", ca.sumsqr(after), upper=4.0)
+    motion.minimise("effort", ca.sumsqr(after - before) * ca.exp(before[1]))
+    motion.minimise("tracking", ca.sumsqr(after - target))
+    goal = Stage("goal", {"last": after, "again": before})
+    goal.equal("goal", after[0] * after[1] * before[0])
+    program = StagedProgram("stages")
+    x = [program.variable("x", np.zeros(2)) for _ in range(knots)]
+    first = program.parameter("first", 2)
+    target_values = program.parameter("target", 2, knots)
+    program.add(motion, ca.horzcat(first, *x[:-1]), ca.horzcat(*x), target_values)
+    program.add(goal, x[-1], again=x[-1])
+    return program
+
+
+@pytest.mark.parametrize("knots", [1, 3])
+def test_derivatives_by_stage_are_those_of_the_whole_program(knots: int) -> None:
+    program = build_two_stages(knots)
+    derivatives = program.build_derivatives()
+    expanded = ca.Function("all", [program.x, program.p], [program.cost, program.rows]).expand()
+    x, p = ca.SX.sym("x", 2 * knots), ca.SX.sym("p", 2 + 2 * knots)
+    cost, rows = expanded(x, p)
+    sigma, multipliers = ca.SX.sym("sigma"), ca.SX.sym("lambda", rows.numel())
+    hessian = ca.triu(ca.hessian(sigma * cost + ca.dot(multipliers, rows), x)[0])
+    expected = ca.Function(
+        "expected",
+        [x, p, sigma, multipliers],
+        [cost, ca.gradient(cost, x), rows, ca.jacobian(rows, x), hessian],
+    )
+    rng = np.random.default_rng(knots)
+    point = [rng.normal(size=size) for size in (2 * knots, 2 + 2 * knots, 1, rows.numel())]
+    found = (
+        *derivatives.gradient(*point[:2]),
+        *derivatives.jacobian(*point[:2]),
+        derivatives.hessian(*point),
+    )
+    for value, reference in zip(found, expected(*point), strict=True):
+        np.testing.assert_allclose(np.array(value), np.array(reference), rtol=1e-12, atol=1e-12)
+
+
+def test_derivatives_by_stage_take_stages_and_selections_only() -> None:
+    program = build_two_stages(2)
+    program.minimise("more", ca.sumsqr(program.x))
+    with pytest.raises(ValueError, match="not all rows and costs are those of stages"):
+        program.build_derivatives()
+    scaled, symbol = StagedProgram("scaled"), ca.SX.sym("a", 2)
+    stage = Stage("stage", {"a": symbol})
+    stage.equal("row", symbol)
+    scaled.add(stage, 2.0 * scaled.variable("x", np.zeros(2)))
+    with pytest.raises(ValueError, match="no selection of variables"):
+        scaled.build_derivatives()

@@ -141,7 +141,7 @@ def compile_motion_program(shape: MotionDimensions) -> CompiledStagedProgram:
         "mu_strategy": "monotone",
         "bound_relax_factor": 0.0,
     }
-    return compile_staged_program(formulate_motion(shape), settings, expand=True)
+    return compile_staged_program(formulate_motion(shape), settings, by_stage=True)
 
 
 def _formulate_round(shape: MotionDimensions) -> RoundConstraints:

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.program.stage_derivatives import ProgramDerivatives
 from climbplan.reformulations.nlp_form import Bounds
 from climbplan.solvers.interruption import Deadline, interruptible
 
@@ -39,6 +40,7 @@ class IpoptProgram:
         settings: Mapping[str, Any],
         expand: bool = False,
         hessian: ca.Function | None = None,
+        derivatives: ProgramDerivatives | None = None,
     ) -> None:
         """Compile a program.
 
@@ -49,6 +51,7 @@ class IpoptProgram:
             expand: Whether to use one expression graph instead of function calls.
             hessian: Upper triangle of the Lagrangian's Hessian, of (x, p, weight of the cost,
                 multipliers); CasADi's own if missing.
+            derivatives: All derivatives, in place of CasADi's own.
         """
         # Rows that are identically zero have no entry, which CasADi's solvers do not accept
         problem = {k: ca.densify(v) if k == "g" else v for k, v in problem.items()}
@@ -66,6 +69,12 @@ class IpoptProgram:
             options["expand"] = True
         if hessian is not None:
             options["hess_lag"] = hessian
+        if derivatives is not None:
+            options |= {
+                "grad_f": derivatives.gradient,
+                "jac_g": derivatives.jacobian,
+                "hess_lag": derivatives.hessian,
+            }
         self._solver = ca.nlpsol(name, "ipopt", dict(problem), options)
 
     def solve(self, start: Array, numbers: Any, bounds: Bounds, deadline: float) -> NlpPoint:

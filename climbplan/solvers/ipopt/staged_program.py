@@ -61,10 +61,17 @@ def compile_staged_program(
     settings: Mapping[str, Any],
     expand: bool = False,
     hessian: ca.Function | None = None,
+    by_stage: bool = False,
 ) -> CompiledStagedProgram:
-    """Compile a staged program with parameters for IPOPT; see `IpoptProgram` for the options."""
+    """Compile a staged program with parameters for IPOPT; see `IpoptProgram` for the options.
+
+    by_stage: whether derivatives are those of one knot of each stage, which all knots share.
+    """
     problem = {"x": formulation.x, "p": formulation.p, "f": formulation.cost, "g": formulation.rows}
-    solver = IpoptProgram(formulation.name, problem, settings, expand, hessian)
+    derivatives = formulation.build_derivatives() if by_stage else None
+    if derivatives is not None:  # without the rows, which the cost of a call of stages evaluates
+        problem["f"], _ = derivatives.gradient(formulation.x, formulation.p)
+    solver = IpoptProgram(formulation.name, problem, settings, expand, hessian, derivatives)
     return CompiledStagedProgram(
         formulation, solver, Bounds(*formulation.bounds, *formulation.row_bounds)
     )

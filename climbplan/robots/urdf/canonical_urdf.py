@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from xml.sax.saxutils import quoteattr
 
@@ -61,6 +62,7 @@ _JOINTS_WITH_LIMITS = (
 _VISUAL_RULES = _RULES | {"link": _ElementRule(("inertial", "visual"), ("name",))}
 _SHAPES = ("collision", "visual")
 _CAPSULE = "capsule"  # name of the shapes that are one
+_CACHE_SIZE = 8  # texts that are remembered: a robot is built again for each plan
 _REPEATED_TAGS = ("link", "joint", *_SHAPES)  # of all others the first one counts
 
 
@@ -70,11 +72,8 @@ def write_canonical_urdf(robot: UrdfRobot) -> str:
     Meshes that are not needed are left out, and so is all that has neither mass nor collisions:
     pictures, transmissions, dampers.
     """
-    root = parse_xml(robot.tree.text)
-    root.attributes["name"] = robot.tree.name
     meshes = {name: str(path) for name, path in robot.meshes.items()}
-    _turn_meshes_upright(root, meshes)
-    return _format_element(root, meshes, _RULES)
+    return _format_urdf(robot, meshes, is_visual=False)
 
 
 def write_visual_urdf(robot: UrdfRobot) -> str:
@@ -83,29 +82,56 @@ def write_visual_urdf(robot: UrdfRobot) -> str:
     Raises:
         UrdfFault: A mesh does not exist, or a number cannot be read.
     """
-    root = parse_xml(robot.tree.text)
-    root.attributes["name"] = robot.tree.name
     meshes = {
-        mesh.attributes["filename"]: mesh
-        for link in root.all("link")
+        name: str(find_mesh(name, robot.tree.path, robot.spec.packages, robot.directory))
+        for name in _list_visual_meshes(robot.tree.text)
+    }
+    return _format_urdf(robot, meshes, is_visual=True)
+
+
+@lru_cache(maxsize=_CACHE_SIZE)
+def _list_visual_meshes(text: str) -> tuple[str, ...]:
+    """Return the names of the visual meshes of a URDF's text."""
+    names = [
+        mesh.attributes["filename"]
+        for link in parse_xml(text).all("link")
         for visual in link.all("visual")
         if (geometry := visual.first("geometry")) is not None
         if (mesh := geometry.first("mesh")) is not None and "filename" in mesh.attributes
-    }
-    paths = {
-        name: str(find_mesh(name, robot.tree.path, robot.spec.packages, robot.directory))
-        for name in meshes
-    }
-    _turn_meshes_upright(root, paths)
-    return _format_element(root, paths, _VISUAL_RULES)
+    ]
+    return tuple(dict.fromkeys(names))
 
 
-def _turn_meshes_upright(root: Element, meshes: dict[str, str]) -> None:
+def _format_urdf(robot: UrdfRobot, meshes: dict[str, str], *, is_visual: bool) -> str:
+    """Return the text of a robot with its meshes by the paths of their files."""
+    y_up = frozenset(name for name, path in meshes.items() if is_y_up(Path(path)))
+    tree = robot.tree
+    return _format_text(tree.text, tree.name, tuple(meshes.items()), y_up, is_visual)
+
+
+@lru_cache(maxsize=_CACHE_SIZE)
+def _format_text(
+    text: str,
+    name: str,
+    meshes: tuple[tuple[str, str], ...],
+    y_up: frozenset[str],
+    is_visual: bool,
+) -> str:
+    """Return a URDF's text with a robot's name and the paths of meshes.
+
+    y_up: meshes whose file says that y is up.
+    """
+    root = parse_xml(text)
+    root.attributes["name"] = name
+    _turn_meshes_upright(root, y_up)
+    return _format_element(root, dict(meshes), _VISUAL_RULES if is_visual else _RULES)
+
+
+def _turn_meshes_upright(root: Element, y_up: frozenset[str]) -> None:
     """Turn meshes whose file says that y is up (COLLADA), which Pinocchio does not turn.
 
     A further rotation about x by 90 degrees is one more of the first of three about fixed axes.
     """
-    y_up = {name for name, path in meshes.items() if is_y_up(Path(path))}
     for shape in root.walk() if y_up else ():
         geometry = shape.first("geometry") if shape.tag in _SHAPES else None
         mesh = None if geometry is None else geometry.first("mesh")

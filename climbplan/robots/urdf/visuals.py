@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -105,12 +106,17 @@ _CACHE: OrderedDict[_VisualPiecesKey, list[_VisualPiece]] = OrderedDict()
 
 def _list_mesh_stamps(text: str) -> tuple[tuple[str, int], ...]:
     """Return the mesh files of a visual URDF with the times of their last changes [ns]."""
-    root = parse_xml(text)
-    names = {mesh.attributes["filename"] for mesh in root.walk() if mesh.tag == "mesh"}
     return tuple(
         (name, Path(name).stat().st_mtime_ns if Path(name).is_file() else 0)
-        for name in sorted(names)
+        for name in _list_mesh_files(text)
     )
+
+
+@lru_cache(maxsize=_CACHE_SIZE)
+def _list_mesh_files(text: str) -> tuple[str, ...]:
+    """Return the mesh files of a visual URDF."""
+    elements = parse_xml(text).walk()
+    return tuple(sorted({mesh.attributes["filename"] for mesh in elements if mesh.tag == "mesh"}))
 
 
 def _read_pieces(urdf_model: UrdfModel, text: str, max_triangles: int) -> list[_VisualPiece]:

@@ -11,6 +11,7 @@ import re
 import shlex
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import TypeVar
 
@@ -29,6 +30,7 @@ from climbplan.schema.robots.xml import (
 _NAMESPACE = re.compile(r"https?://(www\.)?(wiki\.)?ros\.org/(wiki/)?xacro/?")
 _TO_EXPAND = re.compile(r"\$[{(]")
 _ENDINGS = (".xacro", ".urdf", ".xml")
+_MAX_PARSED = 4  # texts whose elements are remembered
 
 
 def reject_xacro(root: Element, path: Path) -> None:
@@ -231,16 +233,24 @@ def read_urdf(path: Path) -> UrdfTree:
     if len(content) > LARGEST_URDF:
         raise UrdfFault(f"too large, a URDF has {LARGEST_URDF / 1e6:.0f} MB at most")
     text = decode_xml(content)
-    root = parse_xml(text)
-    if root.tag == "mujoco":
-        text = convert_mjcf_to_urdf(path, root)
-    elif root.tag == "sdf":
-        raise UrdfFault(_NO_SDF, root.line)
+    tag, line = _read_root_tag(text)
+    if tag == "mujoco":
+        text = convert_mjcf_to_urdf(path, parse_xml(text))
+    elif tag == "sdf":
+        raise UrdfFault(_NO_SDF, line)
     return parse_urdf(text, path)
 
 
+@lru_cache(maxsize=_MAX_PARSED)
+def _read_root_tag(text: str) -> tuple[str, int | None]:
+    """Return the tag of the first element of an XML text, and its line."""
+    root = parse_xml(text)
+    return root.tag, root.line
+
+
+@lru_cache(maxsize=_MAX_PARSED)
 def parse_urdf(text: str, path: Path) -> UrdfTree:
-    """Return the tree of a URDF's text.
+    """Return the tree of a URDF's text, which texts that are parsed again share.
 
     Args:
         text: XML of the URDF.

@@ -21,6 +21,7 @@ from climbplan.robots.urdf.proposal.robot_document import format_robot_document,
 from climbplan.walking.planner.proposed_walk import ProposedWalk, plan_proposed_walk
 
 _CHOICE_SEED, _CHOICE_WORLDS = 1_000_003, 40  # of worlds by which postures are chosen
+_SUGGESTION_WORLDS = 20  # by which it is told what should be known better
 # Stages by the beginnings of their reports, with their usual fractions of the whole time
 _STAGE_FRACTIONS = {
     "proposing": 0.2,
@@ -145,5 +146,5 @@ def _in_fresh_worlds(outcome: SpecOutcome) -> SpecOutcome:
     if plan is None or outcome.sample is None:
         return outcome
     sample = sample_worlds(plan, plan.seed, _FRESH_WORLDS)
-    needed = "" if sample.enough else suggest_knowledge(plan, _CHOICE_SEED, _CHOICE_WORLDS)
+    needed = "" if sample.enough else suggest_knowledge(plan, _CHOICE_SEED, _SUGGESTION_WORLDS)
     return replace(outcome, sample=sample, needed=needed)

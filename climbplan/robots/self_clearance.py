@@ -98,11 +98,13 @@ def compute_body_clearance(links: Capsules, pairs: IntArray, body_parts: Sequenc
         for v in (links.starts, links.ends)
     )
     points = starts + fractions * (ends - starts)  # (P, B, S, 3)
+    flat = np.ascontiguousarray(points.reshape(-1, 3).T)
     distances = np.full(points.shape[:2], np.inf)
     for corners in body_parts:
         faces = ConvexHull(corners).equations
-        distance = (points @ faces[:, :3].T + faces[:, 3]).max(axis=-1).min(axis=-1)
-        distances = np.minimum(distances, distance)
+        # Faces along the first axis, over which a maximum of long rows is fast
+        distance = (faces[:, :3] @ flat + faces[:, 3:]).max(axis=0).reshape(points.shape[:3])
+        distances = np.minimum(distances, distance.min(axis=-1))
     return np.asarray(distances - links.radius[limb_and_capsule])
 
 

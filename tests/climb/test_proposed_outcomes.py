@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -9,7 +10,9 @@ import numpy as np
 import pytest
 
 from climbplan.climb.plan.world_sample import WorldSample, compute_wilson_interval
+from climbplan.climb.proposed import proposed
 from climbplan.climb.proposed.outcome import SpecOutcome
+from climbplan.climb.proposed.proposed import ProposalTrials
 
 
 @pytest.mark.parametrize(
@@ -67,3 +70,28 @@ def test_what_is_said_of_worlds() -> None:
         f"climbs: verified, but stands in 63 {words} 53 to 72 %); most frequent: 30: a toe slides"
         "; needed: uncertainty.friction=0.1 (stands in 96 then)"
     )
+
+
+def test_only_plans_that_would_be_written_are_verified(monkeypatch: pytest.MonkeyPatch) -> None:
+    verified: list[float] = []
+
+    def verify(tried: SpecOutcome) -> SpecOutcome:
+        verified.append(tried.standing)
+        return replace(tried, plan=None, sample=None) if tried.standing == 0.9 else tried
+
+    monkeypatch.setattr(proposed, "_verify_outcome", verify)
+    trials = object.__new__(ProposalTrials)
+    found = iter([outcome(0.9, 40), outcome(0.9, 10), outcome(0.9, 20), outcome(0.9, 0)])
+    best, tried = trials._select_best("climbs", found, 3, (0.9, 0.95))
+    assert (best.standing, len(tried), verified) == (0.8, 3, [0.9, 0.8])
+    # The search ends at a plan that is good enough, and where plans get hardly better
+    for falls, count in (((60, 2, 0), 2), ((40, 38, 0), 2), ((40, 30, 0), 3)):
+        planned = (outcome(0.9, number) for number in falls)
+        assert len(trials._select_best("climbs", planned, 3, (0.9, 0.95))[1]) == count
+
+
+def test_postures_without_plans_end_the_search() -> None:
+    trials = object.__new__(ProposalTrials)
+    refused = (SpecOutcome("climbs", None, f"posture {number}") for number in range(9))
+    best, tried = trials._select_best("climbs", refused, 3, (0.9, 0.95))
+    assert (best.why, len(tried)) == ("posture 0", 3)

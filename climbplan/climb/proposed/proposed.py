@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, zip_longest
 from pathlib import Path
@@ -35,16 +35,18 @@ from climbplan.robots.urdf.proposal.spec_documents import (
     format_wall_document,
 )
 
-_MAX_STANDING_POSTURES = 4  # standing postures that are planned with
+_MAX_STANDING_POSTURES = 3  # standing postures that are planned with
 _MAX_BRACING_POSTURES = 6  # bracing postures that are planned with
-_MAX_BRACING_PLANS = 4  # plans among which the best is chosen
+_MAX_FAILURES = 3  # postures without any plan in turn, after which no further ones are planned
+_MAX_BRACING_PLANS = 3  # plans among which the best is chosen
+_MIN_IMPROVEMENT = 0.05  # of worlds without a fall, by which further postures have to be better
 _MIN_MARGIN_FRACTION = 0.9  # of its margins: plans that keep less may fall
 _FULL_MARGIN_FRACTION = 0.95  # of its margins: motors have something left to press with
 _LARGER_MARGINS = ("{slip: 0.5, friction: 0.16}", "{slip: 0.6, friction: 0.24, normal_force: 0.15}")
-_MAX_ALTERNATIVE_POSTURES = 6  # postures that bend limbs otherwise than the robot stands
+_MAX_ALTERNATIVE_POSTURES = 3  # postures that bend limbs otherwise than the robot stands
 _WALL_MIN_MARGIN_FRACTION = 0.5  # of a transition's, whose stances are fewer to choose from
 _MAX_WALL_PLANS = 2  # transitions that are planned to the end, at most
-_WALL_TARGET_STANDING = 0.9  # fraction of worlds without a fall that ends their search
+_WALL_TARGET_STANDING = 0.8  # fraction of worlds without a fall that ends their search
 # Work decides what is found, the same on any machine under any load; the clock only caps
 _MAX_NODES = 2000  # of each search for postures by branch and bound; most take one
 _TIME_LIMIT = 3600.0  # [s]
@@ -52,7 +54,8 @@ _METHOD = ("solver.method=micp", f"solver.time_limit={_TIME_LIMIT}")
 # Motions of sequences take ten seconds and more each
 _WALL_SEQUENCES = 2  # of a transition, that are planned to the end
 _WALL_MARGIN_FRACTIONS = 1.2, 0.6  # of the margins, that motions of a sequence are planned with
-_MAX_WALL_POSTURES = 2  # bracing postures that transitions are planned to
+# Places of bracing postures that transitions are planned to, and rises of the body over its height
+_WALL_TRIALS = ((0, 0.0), (0, 0.15), (1, 0.0))
 _WALL_METHOD = (
     "solver.method=stance-search",
     f"solver.time_limit={_TIME_LIMIT}",
@@ -245,8 +248,9 @@ class ProposalTrials:
         """
         task = "goes from the ground to walls"
         targets = _WALL_MIN_MARGIN_FRACTION, _WALL_TARGET_STANDING
-        braces = self._rank_braces()[:_MAX_WALL_POSTURES]
-        planned = self._plan_bracing_postures(task, braces, format_wall_document, report)
+        braces = self._rank_braces()
+        trials = [(braces[place], rise) for place, rise in _WALL_TRIALS if place < len(braces)]
+        planned = self._plan_wall_trials(task, trials, report)
         first, _ = self._select_best(task, planned, _MAX_WALL_PLANS, targets)
         if any(climb.plan is not None for climb in self._climbs):
             return first  # it braces with its limbs bent as it stands, so others promise little
@@ -257,6 +261,15 @@ class ProposalTrials:
         return self._try_alternative_postures(
             task, first, report, _WALL_MIN_MARGIN_FRACTION, self.wall_bracing_file, document
         )
+
+    def _plan_wall_trials(
+        self, task: str, trials: Sequence[tuple[LeggedPosture, float]], report: Report
+    ) -> Iterator[SpecOutcome]:
+        """Plan transitions to bracing postures with rises of the body, and yield their outcomes."""
+        for number, (brace, rise) in enumerate(trials, 1):
+            report(f"planning: {task}, trial {number}")
+            text = format_wall_document(self.proposal, self.robot_file, brace, rise)
+            yield self._plan_unverified(task, text, brace)
 
     def _rank_braces(self) -> list[LeggedPosture]:
         """Return bracing postures: those that climb by their outcomes, the unplanned, the others.
@@ -285,7 +298,9 @@ class ProposalTrials:
         """Plan with bracing postures in turn and yield their outcomes."""
         for number, posture in enumerate(braces, 1):
             report(f"planning: {task}, posture {number}")
-            yield self._plan_spec(task, document(self.proposal, self.robot_file, posture), posture)
+            yield self._plan_unverified(
+                task, document(self.proposal, self.robot_file, posture), posture
+            )
 
     def _select_best(
         self,
@@ -296,25 +311,45 @@ class ProposalTrials:
     ) -> tuple[SpecOutcome, list[SpecOutcome]]:
         """Return the best outcome up to the first that is good enough, and those up to there.
 
+        Plans are verified once they are the best, as those of other postures are not written.
+
         Args:
             task: What is planned, for a robot without any posture.
-            outcomes: Of postures, in their order.
+            outcomes: Of postures, in their order, with plans that are not verified yet.
             max_plans: Number of plans after which no further outcome is taken.
             targets: Fraction of margins and of worlds without a fall that are good enough.
         """
         tried: list[SpecOutcome] = []
+        verified: set[int] = set()  # places in `tried`
         for outcome in outcomes:
             tried.append(outcome)
+            if outcome.is_good_enough(*targets):
+                verified.add(len(tried) - 1)
+                tried[-1] = _verify_outcome(outcome)
             num_plans = sum(o.plan is not None for o in tried)
-            if outcome.is_good_enough(*targets) or num_plans == max_plans:
+            if tried[-1].is_good_enough(*targets) or num_plans == max_plans:
                 break
-        if tried:
-            return max(tried, key=lambda outcome: outcome.rank), tried
+            if num_plans == 0 and len(tried) == _MAX_FAILURES:
+                break
+            if outcome.plan is not None and num_plans > 1 and _is_stagnant(tried):
+                break
+        while tried:
+            best = max(range(len(tried)), key=lambda place: tried[place].rank)
+            if best in verified or tried[best].plan is None:
+                return tried[best], tried
+            verified.add(best)
+            tried[best] = _verify_outcome(tried[best])
         why = f"no posture between walls was found{self.proposal.brace_failure}"
         return SpecOutcome(task, None, why), tried
 
     def _plan_spec(self, task: str, text: str, brace: LeggedPosture | None = None) -> SpecOutcome:
         """Plan and verify a spec; the outcome states why there is no plan."""
+        return _verify_outcome(self._plan_unverified(task, text, brace))
+
+    def _plan_unverified(
+        self, task: str, text: str, brace: LeggedPosture | None = None
+    ) -> SpecOutcome:
+        """Plan a spec and sample worlds of its plan; the outcome states why there is no plan."""
         path = self.folder / "spec.yaml"
         path.write_text(text, encoding="utf-8")
         try:
@@ -326,14 +361,25 @@ class ProposalTrials:
                 plan = plan_climb(load_climb(path, _METHOD), nodes=_MAX_NODES)
         except (NoPlanFound, SpecError, UsageError) as error:
             return SpecOutcome(task, None, _summarise_failure(error), text, brace)
-        verification = verify_plan(plan)
-        if not verification.passed:
-            why = f"the plan fails its verification: {verification.headline()}"
-            return SpecOutcome(task, None, why, text, brace)
-        implausible = verification.implausible
-        return SpecOutcome(
-            task, plan, "", text, brace, sample=self._sample_worlds(plan), implausible=implausible
-        )
+        return SpecOutcome(task, plan, "", text, brace, sample=self._sample_worlds(plan))
+
+
+def _is_stagnant(tried: Sequence[SpecOutcome]) -> bool:
+    """Return whether the last plan stands in hardly more worlds than the best one before it."""
+    last = tried[-1]
+    best = max(outcome.standing for outcome in tried[:-1])
+    return last.sample is not None and last.standing < best + _MIN_IMPROVEMENT
+
+
+def _verify_outcome(outcome: SpecOutcome) -> SpecOutcome:
+    """Return the outcome with its plan verified, or without a plan and why."""
+    if outcome.plan is None:
+        return outcome
+    verification = verify_plan(outcome.plan)
+    if not verification.passed:
+        why = f"the plan fails its verification: {verification.headline()}"
+        return replace(outcome, plan=None, why=why, sample=None)
+    return replace(outcome, implausible=verification.implausible)
 
 
 def plan_proposal(

@@ -83,11 +83,12 @@ class _LocalSearch:
         self.legs, self.friction = legs, friction
         self.max_shift, self.is_clear = max_shift, is_clear
         self.normal = legs.build_wall_normals()
+        self.worst_lifted = 0  # limb of the last evaluation, which ends the next one the earliest
 
     def evaluate(self, posture: LeggedPosture, cutoff: float) -> LeggedPosture:
         """Return a posture with its utilisation by exact kinematics, cut short above `cutoff`."""
         legs = self.legs
-        utilisation, shift = compute_shifted_utilisation(
+        result = compute_shifted_utilisation(
             legs.chain,
             (legs.lower, legs.upper),
             posture.angles,
@@ -95,8 +96,10 @@ class _LocalSearch:
                 posture.angles, posture.toes, self.normal, self.friction, self.max_shift
             ),
             cutoff,
+            self.worst_lifted,
         )
-        return rate_brace(posture, utilisation, shift)
+        self.worst_lifted = result.worst_lifted
+        return rate_brace(posture, result.utilisation, result.shift)
 
     def improve(self, posture: LeggedPosture, rng: np.random.Generator) -> LeggedPosture:
         """Return the best posture of a chain of perturbations, each about the incumbent."""

@@ -29,7 +29,8 @@ from climbplan.robots.urdf.robot_builder import MIN_STANCE_RADIUS
 from climbplan.robots.urdf.workspace import measure_stance_radii, select_common_reach
 
 _MAX_CANDIDATES = 24  # postures whose stance radius is measured with exact kinematics
-_SWAYS = (0.0, 0.1, 0.2)  # of the body to every side, over the reach of the legs
+_MAX_SWAYED = 40  # postures in which the body sways, of which these are the best
+_SWAYS = (0.1, 0.2)  # of the body to every side, over the reach of the legs
 _NUM_SWAY_DIRECTIONS = 8
 _FULL_CLEARANCE = 0.025  # of links while the body sways, over the reach, that costs no score
 _MIN_CLEARANCE_FACTOR = 0.1  # on the score of postures in which links are in each other's way
@@ -62,9 +63,8 @@ def find_candidate_stances(robot: PreparedRobot, walls: bool = True) -> Prepared
         stances = _find_flat_foot_stances(robot, robot.soles, select_clear)
         return replace(robot, stances=tuple(stances))
     demand = TorqueDemand()
-    stances = _rank_by_stance_radius(
-        legs, select_clear(search_standing_postures(legs, _MAX_CANDIDATES))
-    )
+    postures = _prefer_clear_postures(robot, search_standing_postures(legs, _MAX_SWAYED))
+    stances = _rank_by_stance_radius(legs, select_clear(postures[:_MAX_CANDIDATES]))
     friction = compute_usable_friction(FLOOR_FRICTION)
     compute_clearance = None if stances else robot.build_clearance_function()
     if not stances:
@@ -156,7 +156,7 @@ def _rank_by_stance_radius(
 
 
 def _prefer_clear_postures(
-    robot: PreparedRobot, postures: list[LeggedPosture], level: Array
+    robot: PreparedRobot, postures: list[LeggedPosture], level: Array | None = None
 ) -> list[LeggedPosture]:
     """Return postures with their clearance while the body sways; best first by score and clearance.
 
@@ -166,7 +166,7 @@ def _prefer_clear_postures(
     Args:
         robot: The robot.
         postures: Toes in the frame of the chains.
-        level: Rotations (N, 3, 3) of last links with which soles are level.
+        level: Rotations (N, 3, 3) of last links with which soles are level; None for other feet.
     """
     compute_clearance = robot.build_clearance_function(to_body=True)
     if compute_clearance is None or not postures:
@@ -175,14 +175,17 @@ def _prefer_clear_postures(
     angle = 2 * np.pi * np.arange(_NUM_SWAY_DIRECTIONS) / _NUM_SWAY_DIRECTIONS
     direction = np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=-1)
     sways = float(legs.reach.min()) * np.concatenate([size * direction for size in _SWAYS])
-    rated = []
+    angles = []
     for posture in postures:
         chain = replace(legs.chain, posture=posture.angles)
-        toes = posture.toes - sways[:, None]
-        solution = chain.inverse(toes, legs.lower, legs.upper, level)
-        angles = np.where(solution.valid[..., None], solution.best(), posture.angles)
-        clearance = float(compute_clearance(angles).min())
-        rated.append(replace(posture, sway_clearance=clearance))
+        solution = chain.inverse(posture.toes - sways[:, None], legs.lower, legs.upper, level)
+        swayed = np.where(solution.valid[..., None], solution.best(), posture.angles)
+        angles.append(np.concatenate([posture.angles[None], swayed]))
+    clearances = compute_clearance(np.concatenate(angles)).reshape(len(postures), -1).min(axis=1)
+    rated = [
+        replace(posture, sway_clearance=float(clearance))
+        for posture, clearance in zip(postures, clearances, strict=True)
+    ]
     return sorted(rated, key=lambda p: -p.score * _compute_clearance_factor(legs, p))
 
 

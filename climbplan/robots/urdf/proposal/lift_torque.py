@@ -22,7 +22,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 
 import highspy
@@ -129,14 +129,23 @@ def compute_torque_utilisation(stance: BracedStance) -> tuple[float, float]:
     return utilisation, shift
 
 
+class ShiftedUtilisation(NamedTuple):
+    """The largest utilisation and shift over all lifts; infinite where a lift has no solution."""
+
+    utilisation: float
+    shift: float  # [m]
+    worst_lifted: int  # limb with whose lift the utilisation is largest
+
+
 def compute_shifted_utilisation(
     chain: SerialChain,
     bounds: tuple[Array, Array],
     angles: Array,
     stance: BracedStance,
     cutoff: float = np.inf,
-) -> tuple[float, float]:
-    """Return utilisation and shift [m] with exact kinematics of the shifted body.
+    first_lifted: int = 0,
+) -> ShiftedUtilisation:
+    """Return utilisation and shift with exact kinematics of the shifted body.
 
     The toes stay where they are, and the centre of mass is taken to move with the body.
 
@@ -146,24 +155,23 @@ def compute_shifted_utilisation(
         angles: Joint angles of the unshifted body, (N, J) [rad].
         stance: The contacts; its Jacobians are those of the unshifted body.
         cutoff: Utilisation above which no further lifts are evaluated.
-
-    Returns:
-        The largest utilisation and the largest shift over all lifts; infinite where some lift has
-        no solution.
+        first_lifted: Limb whose lift is evaluated first.
     """
     count = len(stance.toes)
     chain = replace(chain, posture=angles)
     toes = chain.joint_points(angles[None])[0, :, -1]
-    utilisation, shift = 0.0, 0.0
-    for lifted in range(count):
+    utilisation, shift, worst = 0.0, 0.0, first_lifted
+    for lifted in sorted(range(count), key=lambda limb: limb != first_lifted):
         standing = [i for i in range(count) if i != lifted]
         best = _solve_shifted_lift(chain, bounds, toes, stance, standing)
         if best is None:
-            return np.inf, np.inf
-        utilisation, shift = max(utilisation, best[0]), max(shift, best[1])
+            return ShiftedUtilisation(np.inf, np.inf, lifted)
+        if best[0] > utilisation:
+            utilisation, worst = best[0], lifted
+        shift = max(shift, best[1])
         if utilisation > cutoff:
             break
-    return utilisation, shift
+    return ShiftedUtilisation(utilisation, shift, worst)
 
 
 def _solve_shifted_lift(
@@ -294,14 +302,10 @@ def _build_inequalities(stance: BracedStance) -> tuple[Array, Array]:
     size = 3 * n + 4
     rows: list[Array] = []
     limits: list[Array] = []
-    angle = 2 * np.pi * np.arange(_FACETS) / _FACETS
     inner = stance.friction * np.cos(np.pi / _FACETS)
     for i in range(n):
         columns, normal = slice(3 * i, 3 * i + 3), stance.normal[i]
-        first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
-        first /= np.linalg.norm(first)
-        second = np.cross(normal, first)
-        tangents = np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second
+        tangents = _build_tangents(tuple(normal.tolist()))
         pyramid = np.zeros((_FACETS, size))
         pyramid[:, columns] = tangents - inner * normal
         contact = np.zeros((1, size))
@@ -318,3 +322,13 @@ def _build_inequalities(stance: BracedStance) -> tuple[Array, Array]:
         rows.append(row)
         limits.append(np.zeros(1))
     return np.vstack(rows), np.concatenate(limits)
+
+
+@lru_cache(maxsize=64)
+def _build_tangents(normal: tuple[float, ...]) -> Array:
+    """Return unit vectors (_FACETS, 3) at equal angles in the plane of a unit normal."""
+    angle = 2 * np.pi * np.arange(_FACETS) / _FACETS
+    first = np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))])
+    first /= np.linalg.norm(first)
+    second = np.cross(normal, first)
+    return np.asarray(np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)

@@ -48,6 +48,7 @@ from climbplan.schema.robots.urdf.tree import UrdfTree
 
 STRUCTURAL_COMPLIANCE_SHARE = 0.1
 FLOOR_FRICTION = 0.8  # rubber on a floor
+_MAX_BENDS = 2  # ways to bend legs for which braces are searched
 _ANY_STANCE_RADIUS = 0.1  # [m], where a robot is built before its stance is known
 
 
@@ -140,6 +141,25 @@ class PreparedRobot:
 
         return compute_clearance
 
+    def build_best_proposal(self) -> RobotProposal:
+        """Return the proposal for the first stance of each way to bend legs that has braces.
+
+        Legs are bent as a robot stands when it braces between walls. Where no stance has braces,
+        or walls are not asked for, the first stance is the best.
+        """
+        first = self.build_proposal()
+        if first.braces or self.soles is not None:
+            return first
+        bends = {_describe_bend(first.posture)}
+        for posture in self.stances:
+            if len(bends) >= _MAX_BENDS or (bend := _describe_bend(posture)) in bends:
+                continue
+            bends.add(bend)
+            proposal = self.build_proposal(posture)
+            if proposal.braces:
+                return proposal
+        return first
+
     def build_proposal(
         self, posture: LeggedPosture | None = None, walls: bool = True
     ) -> RobotProposal:
@@ -223,6 +243,11 @@ class PreparedRobot:
                 f"forward is the base's {draft.forward} axis, along which legs are spread"
             )
         return tuple(assumptions)
+
+
+def _describe_bend(posture: LeggedPosture) -> tuple[float, ...]:
+    """Return the directions in which the last joints of legs are bent."""
+    return tuple(np.sign(posture.angles[:, -1]).tolist())
 
 
 def prepare_robot(

@@ -91,7 +91,7 @@ def propose_robot(
     """
     upright = detect_legs(urdf, packages, requested_toes=toes)
     if not any(upright.naming.is_arm):
-        return _find_stances(upright).build_proposal()
+        return _find_stances(upright).build_best_proposal()
     if (feet := _find_two_feet(upright)) and not toes:
         try:
             standing = _find_stances(detect_legs(urdf, packages, requested_toes=feet))

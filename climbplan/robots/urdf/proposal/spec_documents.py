@@ -215,19 +215,25 @@ def _format_stairs(first: float, second: float, stair: float, distance: float) -
     )
 
 
-def format_wall_document(proposal: RobotProposal, robot_file: str, brace: LeggedPosture) -> str:
+def format_wall_document(
+    proposal: RobotProposal, robot_file: str, brace: LeggedPosture, rise: float = 0.0
+) -> str:
     """Return the spec of a transition from standing on the ground to bracing between walls.
 
     Args:
         proposal: The robot.
         robot_file: Name of the robot file.
         brace: The bracing posture, body frame.
+        rise: Of the body, over its height as it stands: knees that are bent outward may touch the
+            ground without.
     """
     robot = proposal.robot
     height, distance, shift = _measure_stance(proposal)
     min_height = float(brace.toes[:, 2].min()) - robot.standoff
     up = max(
-        height, _MIN_TOE_HEIGHT - min_height, _MIN_LINK_HEIGHT - _find_lowest_link(robot, brace)
+        (1 + rise) * height,
+        _MIN_TOE_HEIGHT - min_height,
+        _MIN_LINK_HEIGHT - _find_lowest_link(robot, brace),
     )
     extent = _TERRAIN_MARGIN + distance
     stance = "\n".join(

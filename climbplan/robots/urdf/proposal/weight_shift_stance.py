@@ -55,7 +55,7 @@ def search_weight_shift_stances(
     stances, max_shift = [], _MAX_SHIFT_RATIO * float(legs.reach.min())
     for posture in search_ground_postures(legs, compute_clearance, _MAX_FORCE_CHECKS):
         toes = posture.toes - compute_center(posture.angles)
-        utilisation, shift = compute_shifted_utilisation(
+        utilisation, shift, _ = compute_shifted_utilisation(
             legs.chain,
             (legs.lower, legs.upper),
             posture.angles,

@@ -50,6 +50,21 @@ def report_search(
         meter.report_search(incumbent, bound, deadline)
 
 
+def is_observed() -> bool:
+    """Return whether a meter observes the run in this context."""
+    return _METER.get() is not None
+
+
+@contextmanager
+def hide_searches() -> Iterator[None]:
+    """Report nothing of searches for subproblems, whose figures are not those of the problem."""
+    token = _METER.set(None)
+    try:
+        yield
+    finally:
+        _METER.reset(token)
+
+
 def report_compilation(function: str) -> None:
     """Report that a function is being compiled, "" that the compilation ended."""
     meter = _METER.get()

@@ -55,6 +55,7 @@ from climbplan.bookshelf.scene.shelf_scene import (
     ShelfScene,
     compute_movement_cost,
 )
+from climbplan.progress import hide_searches, is_observed, report_search
 
 _CAPACITY = 1024  # nodes of a new tree
 _LARGE = 65536  # a tree that has grown beyond is not used again: it takes long to empty
@@ -134,7 +135,8 @@ class ExactSolver:
                 status = "optimal" if objective - bound <= allowed * (1 + 1e-6) else "feasible"
             elif finished:
                 bound = math.inf
-                shortage = self._find_missing_width(scene, start + time_limit)
+                with hide_searches():
+                    shortage = self._find_missing_width(scene, start + time_limit)
             else:
                 status = "limit"
         seconds = time.perf_counter() - start
@@ -178,6 +180,8 @@ class ExactSolver:
             now = time.perf_counter()
             if now > end or tree.counters[NODES] > self.limits.nodes:
                 return tree, False
+            if is_observed():
+                report_search(float(tree.best[COST]), compute_lower_bound(tree))
             num_split += chunk
             if state == FULL:
                 self._trees[n] = tree = grow_tree(tree)

@@ -16,6 +16,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
 from climbplan.program.box import propagate_box
 from climbplan.program.instance import Balls, Instance
+from climbplan.progress import hide_searches
 from climbplan.solvers.convex.clarabel import ClarabelSession
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
 from climbplan.solvers.mixed_integer.outer_approximation import solve_epigraph
@@ -94,9 +95,10 @@ def _find_cost(instance: Instance, x: Array, is_open: BoolArray, time_limit: flo
                 is_open, np.minimum(instance.upper, np.ceil(x + radius)), instance.upper
             ),
         )
-        result = solve_mixed_integer(neighbourhood, gap=0.1, time_limit=time_limit)
-        if result.status == "limit":
-            result = solve_epigraph(neighbourhood, gap=0.1, time_limit=time_limit)
+        with hide_searches():
+            result = solve_mixed_integer(neighbourhood, gap=0.1, time_limit=time_limit)
+            if result.status == "limit":
+                result = solve_epigraph(neighbourhood, gap=0.1, time_limit=time_limit)
         if result.objective is not None:
             return result.objective
     raise UsageError(

@@ -18,6 +18,7 @@ from scipy import sparse
 
 from climbplan.arrays import Array
 from climbplan.program.instance import Balls, Instance
+from climbplan.progress import hide_searches, report_search
 from climbplan.solvers.convex.clarabel import ClarabelSession
 from climbplan.solvers.highs.instances import solve_highs
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
@@ -84,6 +85,7 @@ class ConicSearch:
                 value = instance.objective(point)
                 if value < best and instance.violation(point) <= self.tolerance:
                     incumbent, best = point, value
+            report_search(best, bound)
             if relative_gap(best, bound) <= self.gap:
                 break
         del self.points[:-_MAX_POINTS]
@@ -103,7 +105,8 @@ class ConicSearch:
         solve = solve_mixed_integer if instance.P.count_nonzero() else solve_highs
         tolerance = max(self.tolerance, _MASTER_TOLERANCE)
         master = _replace_cones(instance, self.points)
-        return solve(master, _MASTER_GAP * self.gap, time_limit, tolerance)
+        with hide_searches():  # points of masters violate cones
+            return solve(master, _MASTER_GAP * self.gap, time_limit, tolerance)
 
 
 def solve_conic(

@@ -10,6 +10,7 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from contextvars import copy_context
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from climbplan.arrays import Array, IntArray
+from climbplan.progress import is_observed, report_search
 from climbplan.solvers.interruption import run_in_thread
 from climbplan.solvers.mixed_integer import nodes as slots
 from climbplan.solvers.mixed_integer.leaf_cover import LeafCover
@@ -102,7 +104,10 @@ class TreeRun:
                 self._run_pieces(deadline, nodes)
             return
         with _stop_at(deadline, stop):
-            run_in_thread(lambda: self._run_pieces(deadline, nodes), lambda: stop.fill(1))
+            context = copy_context()  # of the meter that observes the search
+            run_in_thread(
+                lambda: context.run(self._run_pieces, deadline, nodes), lambda: stop.fill(1)
+            )
 
     def _run_pieces(self, deadline: float, nodes: int) -> None:
         """Run pieces of nodes and check the deadline between them."""
@@ -110,6 +115,8 @@ class TreeRun:
         piece = int(np.clip(_WORK_PER_PIECE / (max(m, 1) * max(k, 1) * 40), 1, 2000))
         while True:
             reason = run_tree(self.program.data, self.search, self.tree, piece, nodes)
+            if is_observed():
+                report_search(float(self.search.scalars[slots.INCUMBENT_COST]), self.bound)
             if reason == slots.DONE:
                 return
             if reason == slots.GROW:

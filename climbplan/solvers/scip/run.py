@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import threading
 import time
+from contextvars import copy_context
 from typing import Any
 
 import numpy as np
+from pyscipopt import Eventhdlr
+from pyscipopt.scip import PY_SCIP_EVENTTYPE as EVENTS
 
 from climbplan.arrays import Array, IntArray
+from climbplan.progress import is_observed, report_search
 from climbplan.solvers.interruption import run_in_thread
 from climbplan.solvers.result import Answer
 
@@ -23,7 +27,40 @@ _CLAIMS = {  # SCIP's status -> whether it claims infeasibility
     "inforunbd": False,
     "unbounded": False,
 }
+_EVENTS = (EVENTS.BESTSOLFOUND, EVENTS.NODESOLVED)
+_REPORT_INTERVAL = 0.2  # [s] between reports of nodes
 _GRACE = 0.05  # fraction of the time limit after which SCIP is stopped, as presolving ignores it
+
+
+class _SearchReporter(Eventhdlr):
+    """Reports incumbent and bound of SCIP, which runs in another thread, to the run's meter."""
+
+    def __init__(self) -> None:
+        self._context = copy_context()
+        self._next_report = 0.0  # [s] monotonic
+
+    def eventinit(self) -> None:
+        """Begin to receive events."""
+        for event in _EVENTS:
+            self.model.catchEvent(event, self)
+
+    def eventexit(self) -> None:
+        """Receive no more events."""
+        for event in _EVENTS:
+            self.model.dropEvent(event, self)
+
+    def eventexec(self, event: Any) -> None:
+        """Report what is known after a node or an incumbent."""
+        now = time.monotonic()
+        if event.getType() == EVENTS.BESTSOLFOUND or now >= self._next_report:
+            self._next_report = now + _REPORT_INTERVAL
+            self._context.run(_report_figures, self.model)
+
+
+def _report_figures(model: Any) -> None:
+    """Report primal and dual bound of a model; SCIP's infinity is a large number."""
+    figures = (model.getPrimalbound(), model.getDualbound())
+    report_search(*(None if abs(f) >= model.infinity() else float(f) for f in figures))
 
 
 def run_model(model: Any, gap: float, scip_error: float, time_limit: float) -> None:
@@ -34,7 +71,7 @@ def run_model(model: Any, gap: float, scip_error: float, time_limit: float) -> N
     Args:
         model: The model.
         gap: Relative gap.
-        own_error: Relative error of SCIP's objective.
+        scip_error: Relative error of SCIP's objective.
         time_limit: Time limit [s].
     """
     model.setParam("misc/catchctrlc", False)  # SCIP's own handler would hide it from Python
@@ -46,11 +83,15 @@ def run_model(model: Any, gap: float, scip_error: float, time_limit: float) -> N
         timer = threading.Timer((1.0 + _GRACE) * max(time_limit, 0.0), model.interruptSolve)
         timer.daemon = True
         timer.start()
+    if is_observed():
+        model.includeEventhdlr(_SearchReporter(), "report_search", "reports incumbent and bound")
     try:
         run_in_thread(model.optimizeNogil, model.interruptSolve)
     finally:
         if timer is not None:
             timer.cancel()
+    if is_observed():
+        _report_figures(model)
 
 
 def read_values(model: Any, variables: list[Any]) -> Array:

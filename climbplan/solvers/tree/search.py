@@ -11,6 +11,7 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.program.instance import Instance
+from climbplan.progress import is_observed, report_search
 from climbplan.solvers.result import MIN_OBJECTIVE_SCALE, KnownResult, relative_gap
 from climbplan.solvers.tree.block_minima import ComponentMinimum, build_component_problems
 from climbplan.solvers.tree.branching import (
@@ -25,6 +26,7 @@ from climbplan.solvers.tree.relaxation import ClosedRelaxation, RelaxationPoint,
 
 # Rounds of ball cuts, and the violation from which balls are cut [m]
 _ROOT_CUTS, _NODE_CUTS, _LEAF_ROUNDS = (30, 1e-6), (4, 1e-5), 100
+_NODES_BETWEEN_REPORTS = 16  # of progress
 _SMALL_PROGRESS = 1e-5  # relative rise of the bound below which a node's cut rounds stop
 _BLOCK_NODES_ROOT, _BLOCK_NODES = 2000, 200
 MEMORY = 600e6  # memory of open nodes and rows at which a search ends [bytes]
@@ -99,6 +101,8 @@ class TreeSearch:
                 continue
             self.num_nodes += 1
             self._process(node)
+            if self.num_nodes % _NODES_BETWEEN_REPORTS == 0 and is_observed():
+                report_search(self.incumbents.objective, self.bound)
             if self.num_nodes & (self.num_nodes - 1) == 0:
                 self._log_progress("")
         self._log_progress("done")
@@ -356,8 +360,8 @@ class TreeSearch:
 
     def _log_progress(self, event: str) -> None:
         """Append a line to the log."""
-        objective = self.incumbents.objective
-        bound = self.bound
+        objective, bound = self.incumbents.objective, self.bound
+        report_search(objective, bound)
         gap = relative_gap(objective, bound) if np.isfinite(objective) else np.inf
         self.log.append(
             f"{time.perf_counter() - self._begin:8.2f} s  {self.num_nodes:6d} nodes "

@@ -89,27 +89,20 @@ def _write_goal(motion: RobotMotion, joints: ExportedJoints) -> Iterator[str]:
     for k, time in enumerate(motion.time - motion.time[0]):
         seconds, nanosec = divmod(convert_to_nanoseconds(float(time)), 1_000_000_000)
         fields = [
-            f"positions: {_format_numbers(joints.command[k])}",
-            f"velocities: {_format_numbers(joints.velocity[k])}",
-            f"accelerations: {_format_numbers(joints.acceleration[k])}",
+            f"positions: {_format_numbers(joints.command[k], 7)}",
+            f"velocities: {_format_numbers(joints.velocity[k], 6)}",
+            f"accelerations: {_format_numbers(joints.acceleration[k], 5)}",
             f"time_from_start: {{sec: {seconds}, nanosec: {nanosec}}}",
         ]
         if joints.effort.any():
-            fields.insert(3, f"effort: {_format_numbers(joints.effort[k])}")
+            fields.insert(3, f"effort: {_format_numbers(joints.effort[k], 4)}")
         yield f"  - {{{', '.join(fields)}}}"
 
 
-def _format_numbers(values: Array) -> str:
-    return f"[{', '.join(_format_number(float(value)) for value in values)}]"
-
-
-def _format_number(value: float) -> str:
-    """Format a number to 1e-12, with a point: YAML reads 1e-5 as text."""
-    text = f"{value:.12g}"
-    mantissa, mark, exponent = text.partition("e")
-    if "." not in mantissa:
-        mantissa += ".0"
-    return f"{mantissa}{mark}{exponent}"
+def _format_numbers(values: Array, decimals: int) -> str:
+    """Format a list; decimals beyond what encoders and motors resolve make large goals slow."""
+    texts = (f"{value + 0.0:.{decimals}f}".rstrip("0") for value in np.round(values, decimals))
+    return f"[{', '.join(f'{text}0' if text.endswith('.') else text for text in texts)}]"
 
 
 def _quote_name(name: str) -> str:

@@ -11,7 +11,7 @@ from climbplan.schema.fields import find_closest_name
 
 # What `climbplan new KIND` writes; the most telling example of each kind.
 FIRST_EXAMPLE = {
-    "climb": "climb_obstacle",
+    "climb": "climb_tube",
     "transition": "transition_flat",
     "bookshelf": "bookshelf_scene",
     "mpc": "mpc_forward",

@@ -27,7 +27,9 @@ ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
 def goal_of(path: str) -> FollowJointTrajectory.Goal:
     """The stored goal as a message."""
     with open(path, encoding="utf-8") as stream:
-        stored = yaml.safe_load(stream)
+        # Compiled, as safe as `safe_load` and ten times as fast where PyYAML has it
+        loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)(stream)
+        stored = loader.get_single_data()
     goal = FollowJointTrajectory.Goal()
     goal.trajectory.joint_names = stored["trajectory"]["joint_names"]
     for given in stored["trajectory"]["points"]:

@@ -56,9 +56,9 @@ def test_standard_input(
 
 
 def test_new_writes_specs_that_hold(run_command: RunCommand, workplace: Path) -> None:
-    assert run_command("new", "climb").out == "climb_obstacle.yaml\n"
+    assert run_command("new", "climb").out == "climb_tube.yaml\n"
     assert run_command("new", "robot", "a/b").out == "a/b/silvia.yaml\n"
-    assert run_command("validate", "climb_obstacle.yaml", "a/b/silvia.yaml").code == 0
+    assert run_command("validate", "climb_tube.yaml", "a/b/silvia.yaml").code == 0
 
 
 def test_new_keeps_what_is_there(run_command: RunCommand, workplace: Path) -> None:

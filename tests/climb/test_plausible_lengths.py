@@ -47,6 +47,16 @@ def test_a_goal_far_from_every_surface_is_a_mistake() -> None:
     assert text.startswith("task.goal.com: expected a distance from the nearest contact surface")
 
 
+def test_a_payload_far_beyond_the_motors_is_a_mistake() -> None:
+    text = refused("task.payload.mass=2000")
+    assert text.startswith("task.payload.mass: expected a payload that the motors of SiLVIA hold")
+    assert "got 2000 kg" in text
+    assert "2000 g are 2" in text
+    # Too heavy to be planned with, but not absurd: planning says why not
+    loaded = load_text(WALLS, "walls", ["task.payload.mass=100"])
+    assert build_scene(loaded.spec, loaded.robot).terrain.surfaces
+
+
 def test_walls_that_are_merely_too_far_apart_are_not() -> None:
     loaded = load_text(WALLS, "walls", ["terrain.walls.gap=5"])
     assert build_scene(loaded.spec, loaded.robot).terrain.surfaces

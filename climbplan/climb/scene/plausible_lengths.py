@@ -1,4 +1,4 @@
-"""Lengths of a scene that the robot's own size marks as mistaken units."""
+"""Lengths and loads that the robot's own size and motors mark as mistaken units."""
 
 from __future__ import annotations
 
@@ -22,11 +22,14 @@ def find_implausible_lengths(
     These are walls and tubes far wider than limbs brace, and a start or goal far from every
     surface.
 
+    So is a load that the motors could not hold by far.
+
     Args:
         spec: Spec of a climb or a transition.
         robot: The robot as it is planned with.
         terrain: Terrain with all surfaces of the spec.
     """
+    yield from _find_implausible_payload(spec, robot)
     hips = float(np.linalg.norm(robot.shoulder_body, axis=1).max())
     radius = robot.reach + hips  # [m] from the body's origin to the farthest toe
     walls, tube = spec.terrain.walls, spec.terrain.tube
@@ -50,6 +53,26 @@ def _find_distant_postures(
         if distance > _MAX_RATIO * radius:
             what = "a distance from the nearest contact surface"
             yield _build_mistake(f"task.{key}.com", what, distance, robot, radius)
+
+
+def _find_implausible_payload(spec: MotionSpec, robot: Robot) -> Iterator[SpecMistake]:
+    """Yield a mistake for a payload whose weight is out of all proportion to the torque limits.
+
+    A limb with its strongest joint at the lever of its whole reach holds max_torque / reach. Bent
+    limbs and braced ones hold more, by less than `_MAX_RATIO`.
+    """
+    levers = np.where(robot.slides, 1.0, robot.reach)  # [m]; joints that slide have forces
+    force = float((robot.max_torque / levers).max(axis=1).sum())  # [N] of all limbs
+    payload = spec.task.payload.mass
+    weight = robot.gravity * (robot.mass + payload)
+    if payload > 0 and np.isfinite(force) and weight > _MAX_RATIO * force:
+        yield SpecMistake(
+            "task.payload.mass",
+            f"expected a payload that the motors of {robot.name} hold (their torque limits carry "
+            f"{force / robot.gravity:.3g} kg on stretched limbs, its own {robot.mass:.3g} kg "
+            f"included), got {payload:.6g} kg, {weight / force:.0f} times that; masses are in "
+            f"kilograms, {payload:.6g} g are {1e-3 * payload:.4g}",
+        )
 
 
 def _build_mistake(key: str, what: str, length: float, robot: Robot, span: float) -> SpecMistake:

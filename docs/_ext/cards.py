@@ -19,14 +19,17 @@ class Card:
     links: str = ""  # Markdown, the last line
     is_figure: bool = False  # a drawing, shown whole
     label: str = ""  # that links of other pages lead to
+    film: str = ""  # shown in place of the picture where a reader does not mind motion
 
     def lines(self) -> list[str]:
         """Return the card's Markdown."""
         lines = [f"({self.label})=", ""] if self.label else []
-        lines += [":::{container} card", ""]
+        lines += [f":::{{container}} card{' film' if self.film else ''}", ""]
         if self.picture:
             style = "{.figure}" if self.is_figure else ""
             image = f"![{self.alternative}]({self.picture}){style}"
+            if self.film:
+                image = f"![{self.alternative}]({self.film}){{.moving}} {image}{{.still}}"
             lines += [f"[{image}]({self.link})" if self.link else image, ""]
         lines += [f"**{self.title}**", "", self.text, ""]
         if self.command:

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from cards import Card, write_cards
+from gallery_page import COURSES
 from name_declarations import declare
 
 PACKAGE = "example-robot-data"
@@ -37,6 +38,7 @@ class ShippedRobot:
     scene: str  # whose plan the picture is of
     command: str
     fraction: float = 0.5  # of the plan's time, when the picture is taken
+    film: str = ""  # scene of the gallery that the film shows
 
 
 SHIPPED = (
@@ -47,6 +49,7 @@ SHIPPED = (
         " gets from the ground to walls.",
         "climb_steps",
         "climbplan plan-climb specs/climb_tube.yaml",
+        film="climb_tube",
     ),
     ShippedRobot(
         "scaler",
@@ -54,6 +57,7 @@ SHIPPED = (
         "Quadruped of five-bar legs with spine grippers: climbs one wall and along a ceiling.",
         "climb_single_wall",
         "climbplan plan-climb specs/climb_single_wall.yaml",
+        film="climb_ceiling",
     ),
     ShippedRobot(
         "scaler-walking",
@@ -62,6 +66,7 @@ SHIPPED = (
         " recovers from pushes in closed loop.",
         "mpc_stairs",
         "climbplan plan-mpc specs/mpc_stairs.yaml",
+        film="mpc_stairs",
     ),
     ShippedRobot(
         "walker",
@@ -98,6 +103,7 @@ SHIPPED = (
         "limms_walk",
         "climbplan plan-limms specs/limms_walk.yaml",
         fraction=0.85,
+        film="limms_throw",
     ),
 )
 
@@ -156,8 +162,10 @@ def robots_page(docs: Path) -> str:
     lines = [
         "# Robots that plan as they are",
         "",
-        "Each picture is a frame of a verified plan. For a robot that is not here, start from its",
-        "URDF or MJCF file ([tutorial](../tutorials/your_robot.md), [details](guides/robots.md)).",
+        "Each picture is a frame of a verified plan, each film a plan of the",
+        "[gallery](gallery.md) or of stairs in the [benchmark of courses](benchmarks.md).",
+        "For a robot that is not here, start from its URDF or MJCF file",
+        "([tutorial](../tutorials/your_robot.md), [details](guides/robots.md)).",
         "",
         "## Shipped",
         "",
@@ -204,6 +212,7 @@ def _shipped_card(robot: ShippedRobot, docs: Path) -> Card:
         alternative=robot.title,
         command=robot.command,
         label=_label(robot),
+        film=_find_film(docs, robot.film),
     )
 
 
@@ -215,6 +224,9 @@ def _public_card(robot: PublicRobot, docs: Path) -> Card:
         alternative=robot.title,
         command="\n".join(robot.commands),
         label=_label(robot),
+        film=_find_film(
+            docs, next((name for name, c in COURSES.items() if c[0] == robot.title), "")
+        ),
     )
 
 
@@ -223,3 +235,11 @@ def _find_picture(docs: Path, name: str) -> str:
     if not path.exists():
         raise FileNotFoundError(f"{path}: `python docs/make_robot_pictures.py {name}`")
     return f"../robots/{path.name}"
+
+
+def _find_film(docs: Path, name: str) -> str:
+    """Return the film of a scene or course; "" without a name."""
+    path = docs / "gallery" / "films" / f"{name}_film.webp"
+    if name and not path.exists():
+        raise FileNotFoundError(f"{path}: `python docs/make_gallery.py {name}`")
+    return f"../gallery/films/{path.name}" if name else ""

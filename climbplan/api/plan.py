@@ -403,13 +403,22 @@ class Plan(Group):
         return list(dict.fromkeys(name for name in super().__dir__() if not name.startswith("_")))
 
     def _repr_html_(self) -> str:
-        from climbplan.reports.notebook import build_badge, build_figures, build_replay_frame
+        from climbplan.reports.notebook import (
+            build_badge,
+            build_dataset_tables,
+            build_figures,
+            build_replay_frame,
+        )
 
         verification = self.verify()
         sections = [build_badge(verification.level, verification.badge, verification.advice)]
         sections.append(build_figures([*self.summary, *verification.fragile]))
         if self._kind.is_in_space and verification.unsound is None:
             sections.append(build_replay_frame(self._kind.read_scene(self._path), 300))
+        if self.kind == "dataset" and verification.unsound is None:
+            from climbplan.store.dataset_file import read_dataset_file
+
+            sections.append(build_dataset_tables(read_dataset_file(self._path)))
         return "".join(sections)
 
     def __repr__(self) -> str:

@@ -1,4 +1,4 @@
-"""Plans in notebooks: badge, key figures and a replay that needs no network.
+"""Plans and datasets in notebooks: badge, key figures and a replay that needs no network.
 
 The replay is a page of its own in an `iframe`, so that neither its styles nor its scripts touch the
 notebook.
@@ -17,9 +17,12 @@ from climbplan.reports.page_parts import build_policy, build_style, read_part
 from climbplan.reports.page_template import build_data_element, fill
 from climbplan.reports.scene_replay import build_scene_replay
 from climbplan.reports.viewer.scene import ViewerScene
+from climbplan.store.dataset import Dataset
+from climbplan.store.dataset_statistics import compute_statistics
 from climbplan.verification.level import Level
 
 MAX_FRAMES = 150  # of a replay in a notebook, whose file keeps them
+_MAX_ROWS = 5  # of a dataset in a notebook
 _CONTROLS_HEIGHT = 110  # [pixels] below the picture
 COLOURS = {Level.FINE: "#1a7f37", Level.LOOK: "#9a6700", Level.DO_NOT_USE: "#cf222e"}
 
@@ -91,6 +94,52 @@ def build_badge(level: Level, badge: str, advice: str) -> str:
         f'<p><b style="color:{COLOURS[level]}">{html.escape(level.label)}</b> · '
         f"{html.escape(badge)}: {html.escape(advice)}</p>"
     )
+
+
+def build_dataset_tables(data: Dataset) -> str:
+    """Return how the rows of a dataset ended, what they cost and took, and the first ones, as HTML.
+
+    Args:
+        data: The dataset.
+    """
+    statistics = compute_statistics(data)
+    unit = f" [{data.frame.objective_unit}]" if data.frame.objective_unit else ""
+    rows = statistics["rows"]
+    counts = ", ".join(f"{count} {status}" for status, count in data.statuses.items() if count)
+    summary = (
+        f"{data.frame.problem}: {rows['count']} rows, {rows['answered']} answered ({counts}); "
+        f"{len(data.frame.parameter_names)} parameters, {len(data.frame.integer_names)} integers, "
+        f"{statistics['strategies']['distinct']} different sets of integers"
+    )
+    names = ("mean", "median", "most99", "largest")
+    amounts = [
+        ["", "mean", "median", "99 %", "largest"],
+        *(
+            [title, *(_format_amount(statistics[key][name]) for name in names)]
+            for title, key in ((f"cost{unit}", "cost"), ("time [s]", "time"))
+        ),
+    ]
+    shown = slice(0, _MAX_ROWS)
+    columns = (data.row, data.seed, data.status, data.objective, data.time)
+    listed = [("row", "seed", "status", f"cost{unit}", "time [s]")]
+    listed += [
+        (str(row), str(seed), str(status), _format_amount(cost), _format_amount(seconds))
+        for row, seed, status, cost, seconds in zip(*(c[shown] for c in columns), strict=True)
+    ]
+    return f"<p>{html.escape(summary)}</p>{_build_table(amounts)}{_build_table(listed)}"
+
+
+def _format_amount(value: float) -> str:
+    return f"{value:.4g}" if np.isfinite(value) else ""
+
+
+def _build_table(rows: Sequence[Sequence[str]]) -> str:
+    """Return a table as HTML; the first row is its head."""
+    lines = [
+        "".join(f"<{tag}>{html.escape(cell)}</{tag}>" for cell in row)
+        for tag, row in zip(["th", *["td"] * (len(rows) - 1)], rows, strict=True)
+    ]
+    return f"<table>{''.join(f'<tr>{line}</tr>' for line in lines)}</table>"
 
 
 def build_figures(lines: Sequence[str]) -> str:

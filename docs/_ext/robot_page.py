@@ -56,7 +56,7 @@ SHIPPED = (
         "SCALER",
         "Quadruped of five-bar legs with spine grippers: climbs one wall and along a ceiling.",
         "climb_single_wall",
-        "climbplan plan-climb specs/climb_single_wall.yaml",
+        "climbplan plan-climb specs/climb_ceiling.yaml",
         film="climb_ceiling",
     ),
     ShippedRobot(

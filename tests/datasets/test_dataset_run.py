@@ -19,6 +19,7 @@ from climbplan.datasets.run import Count, run_rows
 from climbplan.datasets.shards import ShardStore
 from climbplan.datasets.work import make_row, make_rows
 from climbplan.errors import UsageError
+from climbplan.reports.notebook import build_dataset_tables
 from climbplan.store import atomic_file
 from climbplan.store.dataset import Dataset
 from climbplan.store.dataset_row import build_dataset, derive_seed
@@ -254,3 +255,14 @@ def test_what_no_worker_can_start_with_ends_the_run(tmp_path: Path) -> None:
 
 def _impossible() -> ToyRows:
     raise UsageError("nothing to solve with")
+
+
+def test_a_notebook_shows_how_rows_ended_and_the_first_ones() -> None:
+    data = expected()
+    page = build_dataset_tables(data)
+    answered = int(data.feasible.sum())
+    assert f"toy: {COUNT} rows, {answered} answered" in page
+    assert f"{answered} optimal, {COUNT - answered} infeasible" in page
+    assert page.count("<tr>") == 3 + 6  # cost and time, and five rows, each with a head
+    assert f"<td>{np.median(data.objective[data.feasible]):.4g}</td>" in page
+    assert "nan" not in page

@@ -34,7 +34,7 @@ def check_spec(loaded: AnyLoaded) -> ValidSpec:
     kind = str(spec.kind)
     warnings: tuple[str, ...] = ()
     if kind == "mpc":
-        _check_walk(cast("LoadedMpc", loaded))
+        warnings = _check_walk(cast("LoadedMpc", loaded))
     elif kind == "bookshelf":
         warnings = _check_shelf(cast("LoadedShelf", loaded))
     elif kind == "climb":
@@ -48,7 +48,8 @@ def check_spec(loaded: AnyLoaded) -> ValidSpec:
     return ValidSpec(kind, warnings)
 
 
-def _check_walk(loaded: LoadedMpc) -> None:
+def _check_walk(loaded: LoadedMpc) -> tuple[str, ...]:
+    from climbplan.walking.problem.oddities import find_oddities
     from climbplan.walking.problem.problem import build_task
 
     if loaded.spec.terrain.scan is not None:
@@ -56,7 +57,8 @@ def _check_walk(loaded: LoadedMpc) -> None:
 
         loaded = fit_walk_scan(loaded)
     with placed_mistakes(loaded):
-        build_task(loaded.spec, loaded.robot, loaded.source)
+        task = build_task(loaded.spec, loaded.robot, loaded.source)
+    return find_oddities(loaded.spec, task)
 
 
 def _check_shelf(loaded: LoadedShelf) -> tuple[str, ...]:

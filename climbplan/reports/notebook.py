@@ -119,12 +119,12 @@ def build_dataset_tables(data: Dataset) -> str:
             for title, key in ((f"cost{unit}", "cost"), ("time [s]", "time"))
         ),
     ]
-    shown = slice(0, _MAX_ROWS)
+    first_rows = slice(0, _MAX_ROWS)
     columns = (data.row, data.seed, data.status, data.objective, data.time)
     listed = [("row", "seed", "status", f"cost{unit}", "time [s]")]
     listed += [
         (str(row), str(seed), str(status), _format_amount(cost), _format_amount(seconds))
-        for row, seed, status, cost, seconds in zip(*(c[shown] for c in columns), strict=True)
+        for row, seed, status, cost, seconds in zip(*(c[first_rows] for c in columns), strict=True)
     ]
     return f"<p>{html.escape(summary)}</p>{_build_table(amounts)}{_build_table(listed)}"
 

@@ -34,3 +34,11 @@ def engine(run: Run, seed: Seed = 0) -> None:
     from benchmarks.engine.run import run_engine
 
     run_engine(seed, run.quick, run.stream)
+
+
+@benchmark()
+def conic(run: Run, seed: Seed = 0) -> None:
+    """200 random mixed-integer programs of CVXPY, quadratic and conic, beside SCIP."""
+    from benchmarks.engine.conic import run_conic
+
+    run_conic(seed, run.quick, run.stream)

@@ -30,10 +30,11 @@ from climbplan.certificates.certificate import Certificate
 from climbplan.errors import UsageError
 from climbplan.program.cvxpy_form import NAME, ConicForm, build_conic_instance
 from climbplan.program.instance import Instance
-from climbplan.solvers.mixed_integer.cost import Unbounded
+from climbplan.solvers.highs.instances import solve_highs
 from climbplan.solvers.mixed_integer.level_set import UnboundedRelaxation, bound_variables
 from climbplan.solvers.mixed_integer.method import WarmStartedTree
-from climbplan.solvers.mixed_integer.outer_approximation import ConicSearch, solve_epigraph
+from climbplan.solvers.mixed_integer.outer_approximation import ConicSearch
+from climbplan.solvers.mixed_integer.unbounded import examine_unbounded
 from climbplan.solvers.result import FEASIBILITY, SolverResult, relative_gap
 from climbplan.store.certificate_file import write_certificates
 from climbplan.store.certified import CertifiedRow, CertifiedRows
@@ -174,94 +175,114 @@ class CVXPY(ConicForm):
 
 @dataclass(frozen=True)
 class _Solved:
-    """The bounded instance, its result, and its proof."""
+    """The bounded instance, its result, its proof, and what an unbounded relaxation leaves."""
 
     instance: Instance
     result: SolverResult
     certificate: Certificate | None = None
+    unbounded_status: str | None = None  # of CVXPY
 
 
 def _solve_integers(instance: Instance, chosen: SolverSettings, cache: dict[str, Any]) -> _Solved:
-    """Solve by the tree of the last solve where there is one of the same shape.
+    """Solve by the search of the last solve where there is one of the same shape.
 
     Raises:
-        SolverError: A direction without cost is not bounded.
+        SolverError: A certificate is required and a direction without cost is not bounded.
     """
     begin = time.perf_counter()
     try:
-        # A certificate bounds the cost over a box, so all its sides have to be finite
-        without_proof = chosen.certificate is None
-        bounded = bound_variables(
-            instance, integers_only=without_proof, time_limit=chosen.time_limit
-        )
-        if bounded is None:
-            return _Solved(instance, _build_infeasible(begin))
-        try:
-            return _run_tree(bounded, chosen, cache, begin)
-        except Unbounded:
-            boxed = _bound_all_variables(bounded, chosen)
-        if boxed is None:
-            return _Solved(instance, _build_infeasible(begin))
-        if boxed is bounded:
-            return _Solved(bounded, _solve_by_linear_masters(bounded, chosen, begin))
-        return _run_tree(boxed, chosen, cache, begin)
-    except UnboundedRelaxation as error:
-        result = _build_infeasible(begin)
-        return _Solved(instance, replace(result, status="limit", bound=-np.inf, log=(str(error),)))
+        if chosen.certificate is not None:
+            return _solve_with_proof(instance, chosen, cache, begin)
+        result = _run_tree(instance, chosen, cache, begin)
     except UsageError as error:
         raise SolverError(f"{NAME}: {error}") from error
+    is_over = _compute_time_left(chosen, begin) <= 0.0
+    if result.status in ("optimal", "infeasible") or is_over:
+        return _Solved(instance, result)
+    # Nodes may stay open by rounding errors or for want of bounds; trees of cones close them
+    search = _select_search(instance, chosen, cache, ConicSearch)
+    retry = search.solve(instance, _compute_time_left(chosen, begin))
+    if search.is_relaxation_unbounded:
+        return _examine_unbounded(instance, retry, _compute_time_left(chosen, begin))
+    if retry.objective is not None or result.objective is None:
+        result = retry
+    return _Solved(instance, result)
+
+
+def _solve_with_proof(
+    instance: Instance, chosen: SolverSettings, cache: dict[str, Any], begin: float
+) -> _Solved:
+    """Solve by the tree that writes certificates.
+
+    Raises:
+        UsageError: A direction without cost is not bounded.
+    """
+    # A certificate bounds the cost over a box, so all its sides have to be finite
+    time_left = _compute_time_left(chosen, begin)
+    try:
+        bounded = bound_variables(instance, integers_only=False, time_limit=time_left)
+    except UnboundedRelaxation as error:
+        return _examine_unbounded(instance, _build_unsolved(begin, str(error)), time_left)
+    if bounded is None:
+        return _Solved(instance, _build_infeasible(begin))
+    search = _select_search(bounded, chosen, cache, WarmStartedTree)
+    result = search.solve(bounded, _compute_time_left(chosen, begin))
+    return _Solved(bounded, result, search.certificate)
 
 
 def _run_tree(
     instance: Instance, chosen: SolverSettings, cache: dict[str, Any], begin: float
-) -> _Solved:
-    """Search an instance, all of whose integers are bounded."""
-    proves = chosen.certificate is not None
+) -> SolverResult:
+    """Solve by the tree that suits the instance: `limit` where it needs bounds."""
+    time_left = _compute_time_left(chosen, begin)
+    if instance.balls:
+        return _build_unsolved(begin, "cones")
+    if not instance.P.count_nonzero():
+        return solve_highs(instance, chosen.gap, time_left, chosen.tolerance)
+    try:
+        bounded = bound_variables(instance, integers_only=True, time_limit=time_left)
+        if bounded is None:
+            return _build_infeasible(begin)
+        search = _select_search(bounded, chosen, cache, WarmStartedTree)
+        return search.solve(bounded, _compute_time_left(chosen, begin))
+    except UsageError as error:
+        return _build_unsolved(begin, str(error))
+
+
+def _select_search(
+    instance: Instance, chosen: SolverSettings, cache: dict[str, Any], kind: type
+) -> Any:
+    """Return the search of the last solve, or a new one where the shape is another."""
     rows = np.isfinite(np.stack([instance.row_lower, instance.row_upper])).tobytes()
     cones = [balls.f.shape for balls in instance.balls]
-    key = (chosen, rows, str(cones), instance.integer.tobytes(), instance.A.indices.tobytes())
+    key = (chosen, rows, str(cones), instance.integer.tobytes(), instance.A.indices.tobytes(), kind)
     shape, search = cache.get(NAME, (None, None))
     if shape != key:
-        search = (
-            ConicSearch(chosen.gap, chosen.tolerance)
-            if instance.balls and not proves
-            else WarmStartedTree(chosen.gap, chosen.tolerance, proves=proves)
-        )
+        search = kind(chosen.gap, chosen.tolerance)
+        if kind is WarmStartedTree:
+            search.proves = chosen.certificate is not None
         cache[NAME] = key, search
-    time_left = max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
-    result = search.solve(instance, time_left)
-    is_over = time.perf_counter() - begin >= chosen.time_limit
-    if result.status in ("feasible", "limit") and not proves and not is_over:
-        # Nodes may stay open by rounding errors; linear masters, which HiGHS solves, close them
-        retry = _solve_by_linear_masters(instance, chosen, begin)
-        if retry.objective is not None or result.objective is None:
-            result = retry
-    return _Solved(instance, result, search.certificate if proves else None)
+    return search
 
 
-def _bound_all_variables(instance: Instance, chosen: SolverSettings) -> Instance | None:
-    """Return the instance with bounds of all variables; the same one where some have none.
-
-    Raises:
-        UsageError: Some have none, and a certificate needs them.
-        UnboundedRelaxation: The relaxation has no solution.
-    """
-    try:
-        return bound_variables(instance, integers_only=False, time_limit=chosen.time_limit)
-    except UnboundedRelaxation:
-        raise
-    except UsageError:
-        if chosen.certificate is not None:
-            raise
-        return instance
+def _examine_unbounded(instance: Instance, result: SolverResult, time_left: float) -> _Solved:
+    """Return the result of an instance whose relaxation is unbounded."""
+    proof = examine_unbounded(instance, time_left)
+    if proof.is_infeasible:
+        return _Solved(instance, replace(result, status="infeasible", bound=np.inf))
+    status = settings.UNBOUNDED if proof.is_unbounded else settings.INFEASIBLE_OR_UNBOUNDED
+    return _Solved(instance, result, unbounded_status=status)
 
 
-def _solve_by_linear_masters(
-    instance: Instance, chosen: SolverSettings, begin: float
-) -> SolverResult:
-    """Solve by outer approximation with the cost as a cone, which needs no bounds."""
-    time_left = max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
-    return solve_epigraph(instance, chosen.gap, time_left, chosen.tolerance)
+def _compute_time_left(chosen: SolverSettings, begin: float) -> float:
+    """Return the time left [s]."""
+    return max(chosen.time_limit - (time.perf_counter() - begin), 0.0)
+
+
+def _build_unsolved(begin: float, why: str) -> SolverResult:
+    """Return a result without a point."""
+    infeasible = _build_infeasible(begin)
+    return replace(infeasible, status="limit", bound=-np.inf, log=(why,))
 
 
 def _build_infeasible(begin: float) -> SolverResult:
@@ -293,8 +314,8 @@ def _build_solution(solved: _Solved, chosen: SolverSettings, duration: float) ->
     if result.x is None or result.objective is None:
         if result.status == "infeasible":
             return Solution(settings.INFEASIBLE, None, None, None, attributes)
-        if result.solver == NAME:
-            return Solution(settings.INFEASIBLE_OR_UNBOUNDED, None, None, None, attributes)
+        if solved.unbounded_status is not None:
+            return Solution(solved.unbounded_status, None, None, None, attributes)
         raise SolverError(
             f"{NAME}: no feasible point within time_limit={chosen.time_limit:g} s: raise it "
             f"({'; '.join(result.log)})"

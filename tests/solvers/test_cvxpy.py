@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 import climbplan
+from benchmarks.engine.conic import generate_problem
 from climbplan.errors import UsageError
+from climbplan.solvers.mixed_integer import outer_approximation
 from climbplan.store.certificate_file import read_certificates
 from climbplan.verification.certificates import verify_certificates
 
@@ -77,7 +79,7 @@ def test_integers_without_bounds_and_statuses() -> None:
     assert value == pytest.approx(box.solve(solver=cp.SCIP), rel=1e-4)
     for rows, status in (
         ([x[0] >= 0.2, x[0] <= 0.8], "infeasible"),
-        ([], "infeasible_or_unbounded"),
+        ([], "unbounded"),
     ):
         problem = cp.Problem(cp.Minimize(x[0]), rows)
         with warnings.catch_warnings():
@@ -237,3 +239,70 @@ def test_problems_that_are_no_programs_are_told() -> None:
     ):
         with pytest.raises(UsageError, match=f"from_casadi: {words}"):
             climbplan.Program.from_casadi(nlp, **bounds)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("conic", [False, True])
+def test_twenty_programs_of_the_comparison_with_scip(conic: bool) -> None:
+    """Part of `python -m benchmarks conic`, which solves 200."""
+    for number in range(10):
+        problem = generate_problem(np.random.default_rng([7, number, conic]), conic)
+        problem.solve(solver=cp.SCIP)
+        status, value = problem.status, problem.value
+        problem.solve(solver=climbplan.CVXPY())
+        assert problem.status == status
+        assert problem.value == pytest.approx(value, rel=2e-4, abs=1e-6)
+        assert problem.solver_stats.extra_stats["bound"] <= value * (1.0 + 1e-5) + 1e-6
+
+
+def test_cones_by_master_programs_where_the_tree_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tree may stop after 3 programs of its nodes; the rest is up to outer approximation."""
+    value = random_problem(1).solve(solver=climbplan.CVXPY())
+    monkeypatch.setattr(outer_approximation, "_TREE_NODES", 3)
+    for seed in (1, 3):
+        problem = random_problem(seed)
+        problem.solve(solver=climbplan.CVXPY())
+        assert problem.status == "optimal"
+        if seed == 1:
+            assert problem.value == pytest.approx(value, rel=2e-4)
+
+
+def test_quadratic_costs_over_cones_without_bounds() -> None:
+    """A rotated cone, and integers that only the cost bounds."""
+    x, y = cp.Variable(2), cp.Variable(2, integer=True)
+    cost = cp.quad_over_lin(x - y - 0.3, 1.0 + cp.sum(y)) + cp.sum_squares(y - 1.7)
+    problem = cp.Problem(cp.Minimize(cost), [x[0] + x[1] <= 2.0, y >= 0])
+    value = problem.solve(solver=climbplan.CVXPY())
+    assert problem.status == "optimal"
+    best = cp.Problem(cp.Minimize(cost), [*problem.constraints, y <= 9]).solve(solver=cp.SCIP)
+    assert value == pytest.approx(best, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("slope", "status"), [(2.0, "unbounded"), (0.5, "optimal"), (-2.0, "optimal")]
+)
+def test_cones_that_open_without_end(slope: float, status: str) -> None:
+    y = cp.Variable(2, integer=True)
+    problem = cp.Problem(cp.Minimize(y[1]), [cp.norm(y) <= 4.0 + slope * y[0], y[0] >= -1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # CVXPY explains the status
+        problem.solve(solver=climbplan.CVXPY())
+    assert problem.status == status
+    if status == "optimal":
+        grid = [
+            (a, b)
+            for a in range(-1, 60)
+            for b in range(-60, 60)
+            if np.hypot(a, b) <= 4.0 + slope * a + 1e-9
+        ]
+        assert problem.value == pytest.approx(min(b for _, b in grid), rel=1e-4)
+
+
+def test_an_infeasible_program_whose_relaxation_is_unbounded() -> None:
+    y = cp.Variable(2, integer=True)
+    rows = [2 * y[0] - 2 * y[1] >= 0.5, 2 * y[0] - 2 * y[1] <= 1.5]
+    problem = cp.Problem(cp.Minimize(y[0] + cp.norm(y[0] - y[1])), [*rows, y[1] <= 5])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        problem.solve(solver=climbplan.CVXPY(time_limit=3.0))
+    assert problem.status in ("infeasible", "infeasible_or_unbounded")

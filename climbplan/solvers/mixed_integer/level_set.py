@@ -7,23 +7,22 @@ relaxation. The extremes of a variable over this set are convex programs, and re
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
 from scipy import sparse
 
-from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
 from climbplan.program.box import propagate_box
 from climbplan.program.instance import Balls, Instance
 from climbplan.progress import hide_searches
 from climbplan.solvers.convex.clarabel import ClarabelSession
-from climbplan.solvers.mixed_integer.method import solve_mixed_integer
-from climbplan.solvers.mixed_integer.outer_approximation import solve_epigraph
-from climbplan.solvers.result import Answer
+from climbplan.solvers.mixed_integer.conic_relaxation import ConicRelaxation
+from climbplan.solvers.mixed_integer.conic_tree import ConicTree
 from climbplan.solvers.separable_cost import factor_cost
 
-_RADII = (3.0, 30.0, 1000.0, 30_000.0)  # around the relaxation, within which incumbents are sought
+_NODES = (20, 200, 4000)  # of the tree that looks for an incumbent, until there is one
 _SLACK = 1e-6  # relative: by which level sets and extremes are widened against rounding
 _MARGIN = 1.0  # by which bounds of continuous variables are widened: the tree needs an interior
 _LARGEST = 1e6  # bounds beyond are not taken: the relaxation of such a box proves nothing
@@ -50,8 +49,7 @@ def bound_variables(
 
     Raises:
         UnboundedRelaxation: The relaxation has no solution.
-        UsageError: No incumbent is found near its solution, or a
-            variable has no bound in the level set.
+        UsageError: No incumbent is found, or a variable has no bound in the level set.
     """
     box = propagate_box(instance)
     if (box.lower > box.upper).any():
@@ -68,42 +66,31 @@ def bound_variables(
         raise UnboundedRelaxation(
             f"{instance.name}: its relaxation has no solution ({relaxation.log[-1]})"
         )
-    cost = _find_cost(instance, relaxation.x, is_open, time_limit)
+    cost = _find_cost(instance, time_limit)
     level = _build_level_set(relaxed, cost)
     lower, upper = instance.lower.copy(), instance.upper.copy()
-    session = ClarabelSession()
     for j in map(int, np.flatnonzero(selected)):
-        low, high = (_find_extreme(session, level, j, sign) for sign in (1.0, -1.0))
+        low, high = (_find_extreme(level, j, sign) for sign in (1.0, -1.0))
         margin = 0.0 if instance.integer[j] else _MARGIN
         lower[j], upper[j] = max(lower[j], low - margin), min(upper[j], high + margin)
     return replace(instance, lower=lower, upper=upper)
 
 
-def _find_cost(instance: Instance, x: Array, is_open: BoolArray, time_limit: float) -> float:
-    """Return the cost of a point near the relaxation's solution.
+def _find_cost(instance: Instance, time_limit: float) -> float:
+    """Return the cost of a good point.
 
     Raises:
-        UsageError: There is none.
+        UsageError: None is found.
     """
-    for radius in _RADII:
-        neighbourhood = replace(
-            instance,
-            lower=np.where(
-                is_open, np.maximum(instance.lower, np.floor(x - radius)), instance.lower
-            ),
-            upper=np.where(
-                is_open, np.minimum(instance.upper, np.ceil(x + radius)), instance.upper
-            ),
-        )
+    tree, deadline = ConicTree(instance), time.perf_counter() + time_limit
+    for max_nodes in _NODES:
         with hide_searches():
-            result = solve_mixed_integer(neighbourhood, gap=0.1, time_limit=time_limit)
-            if result.status == "limit":
-                result = solve_epigraph(neighbourhood, gap=0.1, time_limit=time_limit)
-        if result.objective is not None:
-            return result.objective
+            tree.run(deadline, max_nodes)
+        if tree.incumbent is not None:
+            return tree.cost
     raise UsageError(
-        f"{instance.name}: no point was found near the relaxation, from which bounds follow: "
-        "give the integer variables bounds"
+        f"{instance.name}: no feasible point was found, from which bounds would follow: give the "
+        "integer variables bounds"
     )
 
 
@@ -133,7 +120,7 @@ def _build_level_set(instance: Instance, cost: float) -> Instance:
     return replace(without_cost, balls=(*instance.balls, cone))
 
 
-def _find_extreme(session: ClarabelSession, level: Instance, j: int, sign: float) -> float:
+def _find_extreme(level: Instance, j: int, sign: float) -> float:
     """Return the least value of a variable over the level set, or the largest for sign -1.
 
     Raises:
@@ -141,13 +128,14 @@ def _find_extreme(session: ClarabelSession, level: Instance, j: int, sign: float
     """
     direction = np.zeros(level.size)
     direction[j] = sign
-    answer: Answer = session.solve(replace(level, q=direction))
-    if answer.x is None or abs(answer.x[j]) > _LARGEST:
+    relaxation = ConicRelaxation(replace(level, q=direction))
+    solution = relaxation.solve(level.lower, level.upper)
+    if solution.status != "solved" or abs(solution.x[j]) > _LARGEST:
         raise UsageError(
             f"{level.name}: variable {j} has no bound where the cost is low: give it bounds"
         )
     # The dual value bounds the extreme; the primal one may stop short of it
-    value = (
-        min(answer.bound, sign * answer.x[j]) if np.isfinite(answer.bound) else sign * answer.x[j]
-    )
+    value = sign * solution.x[j]
+    if np.isfinite(solution.bound):
+        value = min(solution.bound, value)
     return float(sign * (value - _SLACK * max(1.0, abs(value))))

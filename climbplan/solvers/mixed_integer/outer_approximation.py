@@ -1,11 +1,11 @@
-"""Mixed-integer programs with second-order cones by outer approximation (Duran, Grossmann 1986).
+"""Mixed-integer programs with second-order cones: a tree of cone programs, then master programs.
 
-A master program has tangents in place of the cones, and is solved by branch and bound, or by HiGHS
-where its cost is linear: its bound is valid. The convex program at its integers gives an incumbent.
-Both points give new tangents, those of the convex program's solution being all that its integers
-need. Costs that
-are flat along cones, as that of an epigraph, need this: nodes alone approach the tip of their cones
-slowly. A quadratic cost may itself become a cone, so that all master programs are linear.
+The tree (`conic_tree`) closes programs of some tens of integers. Where it does not within its
+nodes, outer approximation goes on (Duran, Grossmann 1986): a master program has tangents in place
+of the cones, and is solved by branch and bound, or by HiGHS where its cost is linear: its bound is
+valid. The convex program at its integers gives an incumbent. Both points give new tangents, those
+of the convex program's solution being all that its integers need. A quadratic cost with directions
+that nothing bounds becomes a cone itself, so that its master programs are linear.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array
+from climbplan.errors import UsageError
 from climbplan.program.instance import Balls, Instance
 from climbplan.progress import hide_searches, report_search
 from climbplan.solvers.convex.clarabel import ClarabelSession
 from climbplan.solvers.highs.instances import solve_highs
+from climbplan.solvers.mixed_integer.conic_tree import ConicTree
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
 from climbplan.solvers.result import (
     FEASIBILITY,
@@ -36,45 +38,73 @@ _MAX_ROUNDS = 200
 _MASTER_GAP = 0.3  # fraction of the gap that master programs may leave
 _MASTER_TOLERANCE = 1e-6  # of rows at points that give integers and tangents only
 _ACTIVE = 1e-6  # relative distance from a cone's boundary within which it gets a tangent
+_TREE_NODES = 4000  # cone programs of the tree before master programs
+_TREE_TIME = 0.5  # fraction of the time limit for them
+_UNLIMITED = 10**9
 _MAX_POINTS = 60  # of tangents that are kept for the next program
 
 
 @dataclass
 class ConicSearch:
-    """Solves programs of one statement in turn, each with tangents at the points of the last."""
+    """Solves programs of one statement in turn, each from the integers and tangents of the last."""
 
     gap: float = 1e-4
     tolerance: float = FEASIBILITY
     points: list[Array] = field(default_factory=list)
+    start: Array | None = None  # last incumbent
+    is_relaxation_unbounded: bool = False  # of the last program
 
     def solve(self, instance: Instance, time_limit: float = np.inf) -> SolverResult:
         """Find the global optimum of an instance with integers and cones, without products.
 
+        Variables need no bounds. Where the relaxation is unbounded the result is `limit`.
+
         Args:
             instance: The instance.
             time_limit: Time limit [s].
-
-        Raises:
-            UsageError: A direction without cost is not bounded.
         """
         begin = time.perf_counter()
-        relaxation = ClarabelSession().solve(
-            replace(instance, integer=np.zeros(instance.size, bool))
+        deadline = begin + time_limit
+        tree = ConicTree(instance, self.gap, self.tolerance, self.start)
+        half = begin + _TREE_TIME * time_limit if np.isfinite(time_limit) else np.inf
+        tree.run(half, _TREE_NODES)
+        self.is_relaxation_unbounded = tree.root == "unbounded"
+        log: tuple[str, ...] = ()
+        bound, incumbent, nodes = tree.bound, tree.incumbent, tree.num_nodes
+        if not tree.is_finished and not self.is_relaxation_unbounded:
+            bound, incumbent, nodes, log = self._solve_masters(instance, tree, deadline)
+            if incumbent is None or relative_gap(instance.objective(incumbent), bound) > self.gap:
+                tree.run(deadline, _UNLIMITED)
+                bound = max(bound, tree.bound)
+                if tree.incumbent is not None:
+                    incumbent = tree.incumbent
+        self.start = incumbent if incumbent is not None else self.start
+        infeasible = incumbent is None and tree.is_finished and bound == np.inf
+        note = "the relaxation is unbounded" if self.is_relaxation_unbounded else tree.root
+        answer = Answer(
+            x=incumbent,
+            bound=bound,
+            infeasible=infeasible,
+            nodes=nodes,
+            time=time.perf_counter() - begin,
+            solver=NAME,
+            log=(note, f"{tree.num_nodes} cone programs", *log),
         )
-        if relaxation.x is not None:
-            self.points.append(relaxation.x)
-        incumbent: Array | None = None
-        best, bound, nodes, infeasible = np.inf, -np.inf, 0, relaxation.infeasible
-        num_rounds, completed, note = 0, set[bytes](), relaxation.log[-1]
-        while not infeasible and num_rounds < _MAX_ROUNDS:
+        return judge_answer(instance, answer, self.gap, self.tolerance)
+
+    def _solve_masters(
+        self, instance: Instance, tree: ConicTree, deadline: float
+    ) -> tuple[float, Array | None, int, tuple[str, ...]]:
+        """Go on with master programs from a tree; return bound, incumbent, nodes and a log."""
+        incumbent, best, bound, nodes = tree.incumbent, tree.cost, tree.bound, tree.num_nodes
+        self.points += [x for x in (tree.root_solution, incumbent) if x is not None]
+        num_rounds, completed, note = 0, set[bytes](), "linear masters"
+        while num_rounds < _MAX_ROUNDS and (time_left := deadline - time.perf_counter()) > 0:
             num_rounds += 1
-            time_left = time_limit - (time.perf_counter() - begin)
-            if time_left <= 0:
-                break
-            result = self._solve_master(instance, time_left)
+            with hide_searches():  # points of masters violate cones
+                result = self._solve_master(instance, time_left)
             nodes += result.nodes
             bound = max(bound, result.bound)
-            infeasible = result.status == "infeasible" and incumbent is None
             if result.x is None:
                 note = result.log[-1] if result.log else result.status
                 break
@@ -89,24 +119,30 @@ class ConicSearch:
             if relative_gap(best, bound) <= self.gap:
                 break
         del self.points[:-_MAX_POINTS]
-        answer = Answer(
-            x=incumbent,
-            bound=np.inf if infeasible else bound,
-            infeasible=infeasible,
-            nodes=nodes,
-            time=time.perf_counter() - begin,
-            solver=NAME,
-            log=(note, f"{num_rounds} master programs, {nodes} nodes"),
-        )
-        return judge_answer(instance, answer, self.gap, self.tolerance)
+        tree.offer(incumbent)
+        return bound, incumbent, nodes, (note, f"{num_rounds} master programs, {nodes} nodes")
 
     def _solve_master(self, instance: Instance, time_limit: float) -> SolverResult:
         """Solve the program with tangents at all points; its bound holds for the instance."""
-        solve = solve_mixed_integer if instance.P.count_nonzero() else solve_highs
-        tolerance = max(self.tolerance, _MASTER_TOLERANCE)
+        gap, tolerance = _MASTER_GAP * self.gap, max(self.tolerance, _MASTER_TOLERANCE)
         master = _replace_cones(instance, self.points)
-        with hide_searches():  # points of masters violate cones
-            return solve(master, _MASTER_GAP * self.gap, time_limit, tolerance)
+        if not instance.P.count_nonzero():
+            return solve_highs(master, gap, time_limit, tolerance)
+        try:
+            return solve_mixed_integer(master, gap, time_limit, tolerance)
+        except UsageError:  # a direction without cost is not bounded
+            return self._solve_linear_master(instance, time_limit)
+
+    def _solve_linear_master(self, instance: Instance, time_limit: float) -> SolverResult:
+        """Solve the master program whose cost is a cone, too."""
+        stated = _state_epigraph(instance)
+        heights = [_compute_height(instance, x) for x in self.points]
+        points = [np.append(x, t) for x, t in zip(self.points, heights, strict=True)]
+        master = _replace_cones(stated, points)
+        result = solve_highs(
+            master, _MASTER_GAP * self.gap, time_limit, max(self.tolerance, _MASTER_TOLERANCE)
+        )
+        return replace(result, x=None if result.x is None else result.x[: instance.size])
 
 
 def solve_conic(
@@ -119,33 +155,9 @@ def solve_conic(
     return ConicSearch(gap, tolerance).solve(instance, time_limit)
 
 
-def solve_epigraph(
-    instance: Instance,
-    gap: float = 1e-4,
-    time_limit: float = np.inf,
-    tolerance: float = FEASIBILITY,
-) -> SolverResult:
-    """Find the global optimum by `ConicSearch` with the cost as a cone, so by linear masters.
-
-    Unlike branch and bound this needs no bounds of variables where the relaxation has a solution.
-
-    Args:
-        instance: Instance with integers and a convex cost, without choices and products.
-        gap: Relative gap to prove.
-        time_limit: Time limit [s].
-        tolerance: Largest violation of any constraint.
-    """
-    result = solve_conic(_state_epigraph(instance), gap, time_limit, tolerance)
-    answer = Answer(
-        x=None if result.x is None else result.x[: instance.size],
-        bound=result.bound,
-        infeasible=result.status == "infeasible",
-        nodes=result.nodes,
-        time=result.time,
-        solver=NAME,
-        log=result.log,
-    )
-    return judge_answer(instance, answer, gap, tolerance)
+def _compute_height(instance: Instance, x: Array) -> float:
+    """Return 1/2 |u|^2 of `_state_epigraph` at x."""
+    return float(0.5 * np.sum(factor_cost(instance).values(x) ** 2))
 
 
 def _state_epigraph(instance: Instance) -> Instance:
@@ -155,8 +167,6 @@ def _state_epigraph(instance: Instance) -> Instance:
     that t is at least 1/2 |u|^2.
     """
     squares, n = factor_cost(instance), instance.size
-    if not len(squares.offset):
-        return instance
     column = sparse.csr_matrix(([1.0], ([0], [n])), shape=(1, n + 1))
     cone = Balls(
         F=sparse.vstack([_append_column(squares.U), column]).tocsr(),

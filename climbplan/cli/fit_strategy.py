@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -39,6 +40,17 @@ def fit_strategy(
     assignments: Set = None,
     seed: Seed = None,
     method: StrategyModelName = None,
+    compare: Annotated[
+        int,
+        typer.Option(
+            "--compare",
+            metavar="N",
+            min=0,
+            max=1000,
+            help="Number of new problems that the strategy and the default method solve one after "
+            "the other, to say which to use; with --problem.",
+        ),
+    ] = 0,
     as_json: Json = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -52,7 +64,6 @@ def fit_strategy(
     solver.model.file. Its directory also holds report.json, report.html and figures/.
     """
     from climbplan.cli.output_directory import OutputDirectory
-    from climbplan.cli.progress import StageProgress
     from climbplan.cli.spec_options import key_overrides
     from climbplan.schema.learning.strategy_loading import load_strategy
 
@@ -61,35 +72,69 @@ def fit_strategy(
         assignments, ("seed", "--seed", seed), ("model.kind", "--method", method)
     )
     loaded = load_strategy(spec, overrides)
+    if compare and problem is None:
+        raise UsageError("--compare draws new problems: expected --problem with it")
     if problem is None and loaded.spec.problem is not None:
         raise UsageError(
             f"a spec alone imports no code: name the statement with --problem {loaded.spec.problem}"
         )
     target = out if out is not None else Path("outputs", loaded.name)
     with run_user_code(session), OutputDirectory(target, force=force) as directory:
-        from climbplan.learning.fit_run import (
-            build_fit_options,
-            build_model_file,
-            train,
-            write_verified,
-        )
-        from climbplan.reports.fits.strategy_report import build_report, write_report
-
-        with StageProgress(session) as progress:
-            data = _data(problem, loaded, progress)
-            options = build_fit_options(loaded.spec)
-            trained = train(data, options, loaded.spec.data.held_out, progress.report)
-            stored = build_model_file(trained, loaded, data)
-            stored = write_verified(stored, directory.path / MODEL_FILE)
-            progress.report("report", 0.9)
-            for line in _summary(stored):
-                session.note(line)
-            write_report(stored, data.columns, directory.path)
+        stored = _train_and_write(session, problem, loaded, compare, directory.path)
         directory.publish()
     if as_json:
+        from climbplan.reports.fits.strategy_report import build_report
+
         print_json({**build_report(stored), "file": str(target / MODEL_FILE)})
     else:
         print_result(str(target / MODEL_FILE))
+
+
+def _train_and_write(
+    session: Invocation, problem: str | None, loaded: LoadedStrategy, compare: int, directory: Path
+) -> ModelFile:
+    """Train a model, compare it if asked to, and write its file and report into a directory."""
+    from climbplan.cli.progress import StageProgress
+    from climbplan.learning.fit_run import (
+        build_fit_options,
+        build_model_file,
+        train,
+        write_verified,
+    )
+    from climbplan.reports.fits.strategy_report import write_report
+
+    with StageProgress(session) as progress:
+        data = _data(problem, loaded, progress)
+        options = build_fit_options(loaded.spec)
+        trained = train(data, options, loaded.spec.data.held_out, progress.report)
+        stored = build_model_file(trained, loaded, data)
+        stored = write_verified(stored, directory / MODEL_FILE)
+        if compare and problem is not None:
+            stored = _compare(problem, stored, compare, directory / MODEL_FILE, progress)
+        progress.report("report", 0.9)
+        for line in _summary(stored):
+            session.note(line)
+        write_report(stored, data.columns, directory)
+    return stored
+
+
+def _compare(
+    problem: str, stored: ModelFile, count: int, path: Path, progress: StageProgress
+) -> ModelFile:
+    """Compare a model with the default method and write the outcome into its file."""
+    from climbplan.api.strategy_comparison import compare_strategy
+    from climbplan.learning.fit_run import write_verified
+
+    comparison = compare_strategy(
+        load_problem(problem),
+        path,
+        stored.model.kind,
+        count,
+        seed=stored.seed,
+        report=lambda fraction: progress.report("compare", fraction),
+    )
+    fit = {**stored.fit, "comparison": comparison.as_dict()}
+    return write_verified(replace(stored, fit=fit), path)
 
 
 def _data(problem: str | None, loaded: LoadedStrategy, progress: StageProgress) -> TrainingData:
@@ -118,4 +163,9 @@ def _summary(stored: ModelFile) -> list[str]:
         shares = ", ".join(f"{k}: {100 * within[k]:.0f} %" for k in ("1", "5", "10", "50"))
         accuracy = f"{evaluation['problems']} rows held out, right one among the first {shares}"
         lines.append(f"{'measure':<9} {'':<9} {stored.timings['measure']:.2f} s   {accuracy}")
+    if "comparison" in fit:
+        seconds = f"{fit['comparison']['strategy_seconds']:.2g} s"
+        against = f"{fit['comparison']['default_seconds']:.2g} s by the default method"
+        lines.append(f"{'compare':<9} {'':<9} {seconds} against {against} (medians)")
+        lines.append(f"{'verdict':<9} {fit['comparison']['verdict']}")
     return lines

@@ -154,8 +154,17 @@ def test_forest_on_the_cart_pole(run_command: RunCommand, workplace: Path) -> No
     refused = run_command("fit-strategy", "cart.yaml", "-o", "model")
     assert refused.code == 2
     assert "--problem" in refused.err
-    done = run_command("fit-strategy", "cart.yaml", "--problem", STATEMENT, "-o", "model")
+    refused = run_command("fit-strategy", str(SPECS / "strategy_bookshelf.yaml"), "--compare", "2")
+    assert refused.code == 2
+    assert "--problem" in refused.err
+    done = run_command(
+        "fit-strategy", "cart.yaml", "--problem", STATEMENT, "--compare", "2", "-o", "model"
+    )
     assert done.code == 0, done.err
+    assert "verdict   use " in done.err
+    comparison = json.loads(Path("model/report.json").read_text())["fit"]["comparison"]
+    assert comparison["problems"] == 2
+    assert comparison["verdict"] in Path("model/report.html").read_text()
     online = run_command(
         "solve", str(CART_POLE), *drawn, "--seed", "5", "--set", "sample.count=3",
         "--method", "forest", "--set", "solver.model.file=model/model.h5", "-o", "online",

@@ -75,14 +75,19 @@ def _build_page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     if not report["verified"]:
         verdict_text = "Read back from its file, the model names other candidates."
     origin = build_origin_rows(report, {"Kind": report["kind"], "Program": report["program"]})
-    sizes = [(k.replace("_", " "), format_value(v)) for k, v in fit.items() if k != "evaluation"]
+    tables = ("evaluation", "comparison")
+    sizes = [(k.replace("_", " "), format_value(v)) for k, v in fit.items() if k not in tables]
+    comparison = fit.get("comparison", {})
+    compared = [(k.replace("_", " "), format_value(v)) for k, v in comparison.items()]
     return fill(
         "strategy.html",
         **build_report_fields(report, "strategy", _build_cards(fit), images, report["kind"]),
         **build_run_fields(
-            report, {"Sizes": sizes, "Model": origin}, "this model was trained from"
+            report,
+            {"Against the default method": compared, "Sizes": sizes, "Model": origin},
+            "this model was trained from",
         ),
-        verdict=verdict_text,
+        verdict=" ".join([verdict_text, comparison.get("verdict", "")]).strip(),
         rank_note=_write_note(fit),
         table=Table.of(_HEAD, _build_rows(evaluation) if evaluation else ()),
     )

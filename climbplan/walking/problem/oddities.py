@@ -50,6 +50,6 @@ def _find_oddity_lines(spec: MpcSpec, task: WalkTask) -> Iterator[str]:
         distance = float(np.linalg.norm(np.subtract(goal.position, spec.task.start.position[:2])))
         if distance > max_speed * duration:
             yield (
-                f"task.goal.position: {distance:.4g} m away, and the horizon is {duration:.3g} s: that "
-                f"is {distance / duration:.3g} m/s, and {reach}"
+                f"task.goal.position: {distance:.4g} m away, and the horizon is {duration:.3g} s: "
+                f"that is {distance / duration:.3g} m/s, and {reach}"
             )

@@ -118,17 +118,22 @@ class ConicRelaxation:
             upper: (n,) upper bounds.
             tolerance: Largest violation of the instance.
         """
-        margin = 0.0
-        for _ in range(3):
-            solution = self._solve(lower, upper, self._exact_settings, margin)
-            if solution.status != "solved":
+        margin, integer = 0.0, self._instance.integer
+        for _ in range(2):
+            smallest = np.inf
+            # The tighter accuracy is sometimes out of reach, and leaves a point further off
+            for options in (self._exact_settings, self._settings):
+                solution = self._solve(lower, upper, options, margin)
+                if solution.status != "solved":
+                    continue
+                x = np.where(integer, np.round(solution.x), solution.x)
+                violation = self._instance.violation(x)
+                if violation <= tolerance:
+                    return x
+                smallest = min(smallest, violation)
+            if not np.isfinite(smallest):
                 return None
-            integer = self._instance.integer
-            x = np.where(integer, np.round(solution.x), solution.x)
-            violation = self._instance.violation(x)
-            if violation <= tolerance:
-                return x
-            margin += _MARGIN * violation
+            margin = _MARGIN * smallest
         return None
 
     def _solve(self, lower: Array, upper: Array, options: Any, margin: float) -> NodeSolution:

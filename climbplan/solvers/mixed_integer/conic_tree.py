@@ -195,6 +195,11 @@ class ConicTree:
         integers, x = self._integers, solution.x
         rounded = np.round(x[integers])
         is_integral = np.abs(x[integers] - rounded).max(initial=0.0) <= _INTEGRAL
+        if is_integral:
+            point = x.copy()
+            point[integers] = rounded
+            if self.instance.violation(point) <= self.tolerance:
+                self.offer(point)
         if is_integral or self.num_nodes % _HEURISTIC == 1:
             self._complete(x, lower, upper)
             if solution.bound >= self._cutoff:

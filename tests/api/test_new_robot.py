@@ -7,6 +7,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 
 import pytest
+from mjcf_walkers import write_nested_defaults_model
 from urdf_walkers import Walker
 
 import climbplan
@@ -69,6 +70,21 @@ def test_the_page_shows_both_postures(folder: Path) -> None:
     assert "L1_knee" in page
     assert "IMPLAUSIBLE" not in page or "their limbs go on" in page
     assert "<script" not in page
+
+
+@pytest.mark.slow
+def test_an_mjcf_model_leads_to_specs_that_plan(tmp_path: Path) -> None:
+    pytest.importorskip("mujoco")
+    path = tmp_path / "model.xml"
+    path.write_text(write_nested_defaults_model(), encoding="utf-8")
+    assert run(["new", "robot", "--urdf", str(path), str(tmp_path / "mine")]) == 0
+    text = (tmp_path / "mine" / "nested_quadruped.yaml").read_text()
+    assert 'urdf: "../model.xml"' in text
+    for spec in ("ground", "chimney", "wall", "walk"):
+        plan = climbplan.plan(tmp_path / "mine" / f"nested_quadruped_{spec}.yaml")
+        assert plan.verify().passed
+    simulation = climbplan.plan(tmp_path / "mine" / "nested_quadruped_ground.yaml").simulate()
+    assert simulation.stands
 
 
 def test_a_file_that_exists_is_told_before_anything_is_planned(

@@ -95,3 +95,95 @@ ODD = """
 </mujoco>
 """
 """Two joints in one body, anchors off its origin, `ref`, frames, a mesh, motors of three kinds."""
+
+
+def write_nested_defaults_model() -> str:
+    """A quadruped as public collections of models write them.
+
+    Classes of defaults are nested, pictures are geoms of group 2 that touch nothing, collision
+    geoms are of group 3, feet are spheres, limits come from position actuators, and a keyframe
+    states the pose `home`.
+    """
+    legs = []
+    for name, forward, sign in (("FL", 1, 1), ("FR", 1, -1), ("RL", -1, 1), ("RR", -1, -1)):
+        legs.append(
+            f"""
+      <body name="{name}_hip" pos="{0.19 * forward} {0.05 * sign} 0">
+        <inertial pos="0 {0.01 * sign} 0" mass="0.6" diaginertia="5e-4 6e-4 5e-4"/>
+        <joint class="abduction" name="{name}_hip_joint"/>
+        <geom class="visual" type="cylinder" size="0.045 0.02" quat="1 1 0 0" material="grey"/>
+        <body name="{name}_thigh" pos="0 {0.09 * sign} 0">
+          <inertial pos="0 0 -0.03" mass="0.9" diaginertia="5e-3 5e-3 1e-3"/>
+          <joint class="hip" name="{name}_thigh_joint"/>
+          <geom class="visual" type="box" size="0.02 0.02 0.11" pos="0 0 -0.1" material="grey"/>
+          <geom class="collision" type="capsule" size="0.015" fromto="0 0 -0.02 0 0 -0.19"/>
+          <body name="{name}_calf" pos="0 0 -0.2">
+            <inertial pos="0 0 -0.1" mass="0.2" diaginertia="2e-3 2e-3 4e-5"/>
+            <joint class="knee" name="{name}_calf_joint"/>
+            <geom class="visual" type="box" size="0.01 0.01 0.1" pos="0 0 -0.1" material="grey"/>
+            <geom class="collision" type="capsule" size="0.01" fromto="0 0 -0.02 0 0 -0.17"/>
+            <geom class="foot" name="{name}"/>
+          </body>
+        </body>
+      </body>"""
+        )
+    joints = ("hip", "thigh", "calf")
+    motors = [
+        f'<position class="{kind}" name="{name}_{joint}" joint="{name}_{joint}_joint"/>'
+        for name in ("FL", "FR", "RL", "RR")
+        for joint, kind in zip(joints, ("abduction", "hip", "knee"), strict=True)
+    ]
+    home = "0 0 0.29 1 0 0 0 " + " ".join(["0 0.8 -1.5"] * 4)
+    return f"""<mujoco model="nested quadruped">
+  <compiler angle="radian" autolimits="true"/>
+  <option cone="elliptic" impratio="100"/>
+  <default>
+    <default class="quadruped">
+      <geom friction="0.6" condim="1"/>
+      <joint axis="0 1 0" damping="0.5" armature="0.01" frictionloss="0.2"/>
+      <position kp="60" kv="2" forcerange="-24 24"/>
+      <default class="abduction">
+        <joint axis="1 0 0" range="-1.0 1.0"/>
+      </default>
+      <default class="hip">
+        <joint range="-1.5 3.4"/>
+      </default>
+      <default class="knee">
+        <joint range="-2.7 -0.85"/>
+        <position forcerange="-40 40"/>
+      </default>
+      <default class="visual">
+        <geom contype="0" conaffinity="0" group="2"/>
+      </default>
+      <default class="collision">
+        <geom group="3"/>
+        <default class="foot">
+          <geom type="sphere" size="0.02" pos="0 0 -0.2" priority="1" condim="6"/>
+        </default>
+      </default>
+    </default>
+  </default>
+  <asset>
+    <material name="grey" rgba="0.5 0.5 0.5 1"/>
+  </asset>
+  <worldbody>
+    <light name="light" pos="0 0 2"/>
+    <body name="base" pos="0 0 0.29" childclass="quadruped">
+      <inertial pos="0 0 0" mass="6" diaginertia="0.02 0.06 0.07"/>
+      <freejoint/>
+      <geom class="visual" type="box" size="0.2 0.06 0.05" material="grey"/>
+      <geom class="collision" type="box" size="0.18 0.05 0.045"/>
+      <site name="imu" pos="0 0 0"/>{"".join(legs)}
+    </body>
+  </worldbody>
+  <actuator>
+    {"".join(motors)}
+  </actuator>
+  <sensor>
+    <gyro name="gyro" site="imu"/>
+  </sensor>
+  <keyframe>
+    <key name="home" qpos="{home}" ctrl="{" ".join(["0 0.8 -1.5"] * 4)}"/>
+  </keyframe>
+</mujoco>
+"""

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from mjcf_walkers import ODD, mjcf_of
+from mjcf_walkers import ODD, mjcf_of, write_nested_defaults_model
 from typer.testing import CliRunner
 from urdf_walkers import Walker
 
 from climbplan.cli.app import app
 from climbplan.errors import SpecError
 from climbplan.robots.urdf.pinocchio_model import build_urdf_model
+from climbplan.robots.urdf.proposal.propose_robot import propose_robot
 from climbplan.robots.urdf.robot_builder import build_robot_from_urdf
 from climbplan.robots.urdf.shapes import read_collision_shapes
 from climbplan.schema.robots.mjcf.places import compute_rpy
@@ -205,3 +206,25 @@ def test_rotations_with_a_pitch_of_a_right_angle_keep_every_digit() -> None:
         turn = pinocchio.rpy.rpyToMatrix(roll, pitch, yaw)
         again = pinocchio.rpy.rpyToMatrix(*compute_rpy(turn))
         assert np.abs(again - turn).max() < 1e-14
+
+
+def test_a_model_of_nested_defaults_is_proposed_as_mujoco_has_it(tmp_path: Path) -> None:
+    path = tmp_path / "quadruped.xml"
+    path.write_text(write_nested_defaults_model(), encoding="utf-8")
+    model = mujoco.MjModel.from_xml_path(str(path))
+    proposal = propose_robot(path)
+    assert proposal.naming.names == ("RF", "RR", "LR", "LF")
+    assert [toe.link for toe in proposal.toes] == ["FR_calf", "RR_calf", "RL_calf", "FL_calf"]
+    assert proposal.draft.foot == pytest.approx(0.02)  # the spheres, at whose middle toes are
+    assert all(toe.offset == pytest.approx((0.0, 0.0, -0.2)) for toe in proposal.toes)
+    assert proposal.robot.mass == pytest.approx(float(model.body_mass.sum()))
+    # Limits of classes and of their actuators; the collision box, not the larger picture
+    assert proposal.robot.max_torque.tolist() == [[24.0, 24.0, 40.0]] * 4
+    assert proposal.body_box is not None
+    low, high = proposal.body_box
+    np.testing.assert_allclose(high - low, [0.1, 0.36, 0.09], atol=1e-9)
+    bounds = {model.joint(i).name: model.jnt_range[i] for i in range(1, model.njnt)}
+    for name, angle in proposal.standing.items():
+        lower, upper = np.rad2deg(bounds[name])
+        assert lower < angle < upper
+    assert proposal.braces

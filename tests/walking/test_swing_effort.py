@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import yaml
 from urdf_walkers import Walker
 from walking_urdf import walking_robot
 
 from climbplan.robots.urdf.pinocchio_model import UrdfModel, build_urdf_model
 from climbplan.robots.urdf.proposal.walk_document import STANCE_INTERVALS, format_walk_document
 from climbplan.robots.urdf.walking_body import WalkingBody, build_walking_body
-from climbplan.walking.planner.swing_effort import compute_swing_effort
+from climbplan.walking.planner.swing_effort import compute_swing_effort, compute_swing_speed
 
 pytest.importorskip("pinocchio")
 
@@ -72,3 +73,27 @@ def test_legs_that_are_heavy_for_their_motors_swing_longer(
     step = float(text.partition("dt: ")[2].split()[0])
     assert (step > asked[0] + 1e-3) == longer
     assert step == pytest.approx(asked[-1], abs=1e-3)
+
+
+def test_slow_joints_swing_within_their_limits(walker: tuple[UrdfModel, WalkingBody]) -> None:
+    legs = walker[1].legs
+    fast = compute_swing_speed(legs, 0.2, 0.2, 0.02, STANCE_INTERVALS)
+    assert compute_swing_speed(legs, 0.1, 0.4, 0.02, STANCE_INTERVALS) == pytest.approx(
+        fast / 2, rel=1e-9
+    )
+    assert compute_swing_speed(legs, 50.0, 0.2, 0.01, STANCE_INTERVALS) == np.inf
+
+
+def test_a_body_is_as_slow_as_its_joints_need(walker: tuple[UrdfModel, WalkingBody]) -> None:
+    body, specs = walker[1], []
+    for factor in (0.1, 4.0):
+        text = format_walk_document(
+            body,
+            "robot.yaml",
+            lambda *_: 0.0,
+            joint_speed=lambda speed, interval, lift, factor=factor: factor * speed,
+        )
+        specs.append(yaml.safe_load(text)["task"])
+    slow, quick = (spec["reference"]["velocity"][0] for spec in reversed(specs))
+    assert 0.5 * 0.75 / 4.0 < slow <= 0.75 / 4.0 < quick
+    assert specs[1]["dt"] >= specs[0]["dt"]

@@ -54,8 +54,7 @@ _METHOD = ("solver.method=micp", f"solver.time_limit={_TIME_LIMIT}")
 # Motions of sequences take ten seconds and more each
 _WALL_SEQUENCES = 2  # of a transition, that are planned to the end
 _WALL_MARGIN_FRACTIONS = 1.2, 0.6  # of the margins, that motions of a sequence are planned with
-# Places of bracing postures that transitions are planned to, and rises of the body over its height
-_WALL_TRIALS = ((0, 0.0), (0, 0.15), (1, 0.0))
+_WALL_RISES = (0.0, 0.15)  # of the body on its way to walls, over its height, tried in turn
 _WALL_METHOD = (
     "solver.method=stance-search",
     f"solver.time_limit={_TIME_LIMIT}",
@@ -249,8 +248,7 @@ class ProposalTrials:
         task = "goes from the ground to walls"
         targets = _WALL_MIN_MARGIN_FRACTION, _WALL_TARGET_STANDING
         braces = self._rank_braces()
-        trials = [(braces[place], rise) for place, rise in _WALL_TRIALS if place < len(braces)]
-        planned = self._plan_wall_trials(task, trials, report)
+        planned = self._plan_wall_trials(task, braces[:1], report)
         first, _ = self._select_best(task, planned, _MAX_WALL_PLANS, targets)
         if any(climb.plan is not None for climb in self._climbs):
             return first  # it braces with its limbs bent as it stands, so others promise little
@@ -263,9 +261,10 @@ class ProposalTrials:
         )
 
     def _plan_wall_trials(
-        self, task: str, trials: Sequence[tuple[LeggedPosture, float]], report: Report
+        self, task: str, braces: Sequence[LeggedPosture], report: Report
     ) -> Iterator[SpecOutcome]:
         """Plan transitions to bracing postures with rises of the body, and yield their outcomes."""
+        trials = ((brace, rise) for brace in braces for rise in _WALL_RISES)
         for number, (brace, rise) in enumerate(trials, 1):
             report(f"planning: {task}, trial {number}")
             text = format_wall_document(self.proposal, self.robot_file, brace, rise)

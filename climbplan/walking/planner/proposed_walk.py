@@ -18,7 +18,7 @@ from climbplan.robots.urdf.walking_body import build_walking_body
 from climbplan.walking.check.checker import check_trajectory, format_failures
 from climbplan.walking.plan.walk_plan import WalkPlan
 from climbplan.walking.planner.planner import plan_walk
-from climbplan.walking.planner.swing_effort import compute_swing_effort
+from climbplan.walking.planner.swing_effort import compute_swing_effort, compute_swing_speed
 from climbplan.walking.schema.loading import load_mpc
 from climbplan.walking.task.task import ANGLES, VELOCITY
 
@@ -29,7 +29,7 @@ _FORWARD_TRIALS = ((1.0, 1.0), (10.0, 1.0))
 _TURNING_TRIALS = (*_FORWARD_TRIALS, (1.0, 2.0), (10.0, 2.0))
 _MIN_ACHIEVEMENT = 0.9  # of the reference speed or yaw
 _SPEED_WINDOW = 4  # the speed of a walk is that of its last quarter
-_MAX_POSTURES = 3  # that are tried if it does not walk as it stands
+_MAX_POSTURES = 1  # that is tried if a plan in the one in which it stands is refused
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,7 @@ class ProposedWalk:
     text: str  # empty where the robot cannot walk by `plan-mpc`
     plan: WalkPlan | None  # verified, and as fast as its reference; else None
     message: str  # "verified" with the speed or yaw that it reaches; else the reason
+    lags: bool = False  # whether there is a plan, which is slower than its reference
 
     def __str__(self) -> str:
         return f"{self.what}: {self.message}"
@@ -58,10 +59,11 @@ def plan_proposed_walk(
         turns: Turn on the spot instead of walking forward.
 
     Returns:
-        The first walk that is verified; else the first one, with messages of all.
+        The first walk that is verified; else the first one, with messages of all. Other postures
+        lag as well where the first one does.
     """
     first = plan_walk_as_proposed(proposal, robot_file, turns)
-    if first.plan is not None:
+    if first.plan is not None or first.lags:
         return first
     alternatives, lack = propose_walking_stances(proposal, _MAX_POSTURES)
     messages = [first.message]
@@ -99,11 +101,16 @@ def plan_walk_as_proposed(
     def effort(speed: float, step: float, lift: float) -> float:
         return compute_swing_effort(model, body.legs, speed, step, lift, STANCE_INTERVALS)
 
+    def joint_speed(speed: float, step: float, lift: float) -> float:
+        return compute_swing_speed(body.legs, speed, step, lift, STANCE_INTERVALS)
+
     first: ProposedWalk | None = None
     for haste, slower in _TURNING_TRIALS if turns else _FORWARD_TRIALS:
-        text = format_walk_document(body, robot_file, effort, turns, haste, slower)
+        text = format_walk_document(
+            body, robot_file, effort, turns, haste, slower, joint_speed=joint_speed
+        )
         plan, message, lags = _plan_spec(proposal, robot_file, text, turns)
-        walk = ProposedWalk(what, proposal, text, None if lags else plan, message)
+        walk = ProposedWalk(what, proposal, text, None if lags else plan, message, lags)
         if walk.plan is not None:
             return walk
         first = first or walk

@@ -34,30 +34,55 @@ def compute_swing_effort(
     Returns:
         The fraction; infinite where legs do not reach the swing trajectory.
     """
-    phase = np.linspace(0.0, 1.0, _NUM_SAMPLES + 1)
-    chain, dt = legs.chain, step / _NUM_SAMPLES
-    spots = np.repeat(chain.joint_points(chain.posture)[None, :, -1], len(phase), axis=0)
-    progress = (stance + 1) * quintic_progress(phase)[0] - 0.5 * stance - phase
-    spots[..., 0] += (speed * step * progress)[:, None]
-    spots[..., 2] += (lift * quartic_arch(phase)[0])[:, None]
-    solution = legs.chain.inverse(spots, legs.lower, legs.upper)
-    angles = solution.angles[..., 0, :, :]
-    if not np.isfinite(angles).all() or not (solution.missing[..., 0, :] < 1e-3).all():
+    chain = legs.chain
+    joint_angles = _compute_swing_angles(legs, speed, step, lift, stance)
+    if joint_angles is None:
         return np.inf
-    joint_angles = (chain.drives @ angles[..., None])[
-        ..., 0
-    ]  # (K, L, J) joints that follow others, too
+    dt = step / _NUM_SAMPLES
     joint_speeds = np.gradient(joint_angles, dt, axis=0)
     joint_accelerations = np.gradient(joint_speeds, dt, axis=0)
     max_fraction = 0.0
     for leg in range(len(chain.names)):
-        for k in range(_DROPPED_SAMPLES, len(phase) - _DROPPED_SAMPLES):
+        for k in range(_DROPPED_SAMPLES, len(joint_angles) - _DROPPED_SAMPLES):
             torque = _compute_torques(
                 urdf, legs, leg, joint_angles[k], joint_speeds[k], joint_accelerations[k]
             )
             drive_torque = np.where(legs.there[leg], np.abs(chain.drives[leg].T @ torque), 0.0)
             max_fraction = max(max_fraction, float((drive_torque / legs.max_torque[leg]).max()))
     return max_fraction
+
+
+def compute_swing_speed(
+    legs: WalkingLegs, speed: float, step: float, lift: float, stance: int
+) -> float:
+    """Return the largest fraction of a joint speed limit that a swing takes.
+
+    The arguments are those of `compute_swing_effort`. The fraction is infinite where legs do not
+    reach the swing trajectory.
+    """
+    joint_angles = _compute_swing_angles(legs, speed, step, lift, stance)
+    if joint_angles is None:
+        return np.inf
+    joint_speeds = np.abs(np.gradient(joint_angles, step / _NUM_SAMPLES, axis=0))
+    return float((joint_speeds / np.where(legs.there, legs.max_speed, np.inf)).max())
+
+
+def _compute_swing_angles(
+    legs: WalkingLegs, speed: float, step: float, lift: float, stance: int
+) -> Array | None:
+    """Return the angles (K, L, J) of joints in a swing; None where legs do not reach it."""
+    phase = np.linspace(0.0, 1.0, _NUM_SAMPLES + 1)
+    chain = legs.chain
+    spots = np.repeat(chain.joint_points(chain.posture)[None, :, -1], len(phase), axis=0)
+    progress = (stance + 1) * quintic_progress(phase)[0] - 0.5 * stance - phase
+    spots[..., 0] += (speed * step * progress)[:, None]
+    spots[..., 2] += (lift * quartic_arch(phase)[0])[:, None]
+    solution = chain.inverse(spots, legs.lower, legs.upper)
+    angles = solution.angles[..., 0, :, :]
+    if not np.isfinite(angles).all() or not (solution.missing[..., 0, :] < 1e-3).all():
+        return None
+    joint_angles = (chain.drives @ angles[..., None])[..., 0]  # joints that follow others, too
+    return np.asarray(joint_angles)
 
 
 def _compute_torques(

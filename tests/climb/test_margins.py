@@ -13,6 +13,7 @@ from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.forces.margins import (
     apply_margins,
     compute_margin_fraction,
+    get_margin_request,
     solve_with_margins,
 )
 from climbplan.climb.forces.planner import plan_forces
@@ -51,7 +52,7 @@ def test_forces_keep_all_margins_where_they_can(
     scene = with_spec_margins(demo_scene, MarginsSpec())
     statement = build_force_statement(scene, demo_instants)
     bare = plan_forces(demo_scene, demo_instants).force
-    found = solve_with_margins(scene, statement, "daqp", 16)
+    found = solve_with_margins(get_margin_request(scene), statement, "daqp", 16)
     margins = scene.spec.margins
     assert compute_margin_fraction(statement, margins, bare).min() < 0.9
     assert not len(found.solved.missing)
@@ -136,7 +137,7 @@ def test_motors_have_a_part_of_their_limits_left(
     for torque, whole in ((left, True), (0.99, False)):
         margins = MarginsSpec(torque=torque)
         scene = with_spec_margins(demo_scene, margins)
-        found = solve_with_margins(scene, statement, "daqp", 16)
+        found = solve_with_margins(get_margin_request(scene), statement, "daqp", 16)
         assert not len(found.solved.missing)
         use = compute_contact_torque_ratio(statement, found.solved.force)
         assert bool((use <= 1 - torque + 1e-7).all()) is whole
@@ -236,6 +237,8 @@ def test_without_friction_for_the_margin_there_are_forces_all_the_same(
     demo_scene: ClimbScene, demo_instants: Instants
 ) -> None:
     scene = with_spec_margins(demo_scene, MarginsSpec(slip=0.9))
-    found = solve_with_margins(scene, build_force_statement(scene, demo_instants), "daqp", 16)
+    found = solve_with_margins(
+        get_margin_request(scene), build_force_statement(scene, demo_instants), "daqp", 16
+    )
     assert not len(found.solved.missing)
     assert (found.margin_fraction < 1.0).all()

@@ -66,25 +66,39 @@ class MarginedForces:
     required: ForceStatement  # the problems with all of their margins
 
 
+@dataclass(frozen=True)
+class MarginRequest:
+    """The margins that are asked for."""
+
+    margins: MarginsSpec
+    is_compensated: bool  # commands hold the body at its planned pose
+
+
+def get_margin_request(scene: MotionScene) -> MarginRequest:
+    """Return the margins of a scene's spec."""
+    force = scene.spec.force
+    return MarginRequest(scene.spec.margins, force.deflection_compensation == "compensated")
+
+
 def solve_with_margins(
-    scene: MotionScene, statement: ForceStatement, solver: str, facets: int
+    request: MarginRequest, statement: ForceStatement, solver: str, facets: int
 ) -> MarginedForces:
-    """Solve and check the force problems of a scene's instants with the margins of its spec.
+    """Solve and check force problems with the margins asked for.
 
     Instants are missing in the answer only where there are no forces without margins either.
 
     Args:
-        scene: The scene.
-        statement: The force problems of its instants.
+        request: The margins.
+        statement: The force problems of the instants.
         solver: Name of the force solver.
         facets: Number of sides of the friction pyramids.
     """
-    margins = scene.spec.margins
+    margins = request.margins
     if not margins.asked:
         without_margins = solve_forces(statement, solver, facets)
         return MarginedForces(without_margins, np.ones(len(statement.arms)), statement)
     margined = _solve_on_friction(
-        scene, statement, _reduce_friction(statement, margins.slip), solver, facets
+        request, statement, _reduce_friction(statement, margins.slip), solver, facets
     )
     for slip_fraction in _SLIP_FRACTIONS:
         infeasible = np.setdiff1d(margined.solved.missing, margined.solved.unbalanced)
@@ -95,7 +109,7 @@ def solve_with_margins(
             infeasible
         )
         replacement = _solve_on_friction(
-            scene, statement.take(infeasible), with_more_friction, solver, facets
+            request, statement.take(infeasible), with_more_friction, solver, facets
         )
         margined = _merge_answers(margined, replacement, infeasible)
     return margined
@@ -125,7 +139,7 @@ def _merge_answers(
 
 
 def _solve_on_friction(
-    scene: MotionScene,
+    request: MarginRequest,
     unreduced: ForceStatement,
     statement: ForceStatement,
     solver: str,
@@ -134,13 +148,13 @@ def _solve_on_friction(
     """Return forces with as much of the margins as is feasible on reduced friction.
 
     Args:
-        scene: The scene.
+        request: The margins.
         unreduced: The problems with the surfaces' own friction, for measuring margins.
         statement: The problems with reduced friction.
         solver: Name of the force solver.
         facets: Number of sides of the friction pyramids.
     """
-    margins = scene.spec.margins
+    margins = request.margins
     required = apply_margins(statement, margins)
     solved = _maximise_margins(statement, required, solver, facets)
     force = solved.force
@@ -149,9 +163,7 @@ def _solve_on_friction(
     linearisation = force.copy()  # the answer whose arcs are known
     infeasible = np.concatenate([solved.missing, solved.unbalanced])
     rows = np.setdiff1d(np.arange(len(force)), infeasible)
-    for _ in range(
-        _MAX_ARC_CORRECTIONS if scene.spec.force.deflection_compensation == "compensated" else 0
-    ):
+    for _ in range(_MAX_ARC_CORRECTIONS if request.is_compensated else 0):
         free_penetration = compute_free_penetration(statement, linearisation)
         is_too_shallow = statement.standing & (
             free_penetration < margins.depth - _PENETRATION_TOLERANCE

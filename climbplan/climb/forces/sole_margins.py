@@ -12,7 +12,11 @@ from dataclasses import replace
 import numpy as np
 
 from climbplan.arrays import IntArray
-from climbplan.climb.forces.margins import MarginedForces, solve_with_margins
+from climbplan.climb.forces.margins import (
+    MarginedForces,
+    get_margin_request,
+    solve_with_margins,
+)
 from climbplan.climb.forces.statement import ForceStatement, build_force_statement
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import MotionScene
@@ -28,17 +32,17 @@ def solve_with_sole_margins(
 
     With flat feet the statement is that of whole soles, and forces are at their corners.
     """
-    facets = scene.spec.force.facets
+    facets, request = scene.spec.force.facets, get_margin_request(scene)
     statement = build_force_statement(scene, instants)
     margin = scene.spec.margins.sole
     if scene.robot.sole is None or margin == 0:
-        return statement, solve_with_margins(scene, statement, solver, facets)
+        return statement, solve_with_margins(request, statement, solver, facets)
     rows: IntArray = np.arange(instants.count)
     margined: MarginedForces | None = None
     for fraction in MARGIN_FRACTIONS:
         selected = _select_instants(instants, rows)
         reduced_statement = build_force_statement(scene, selected, fraction * margin)
-        attempt = solve_with_margins(scene, reduced_statement, solver, facets)
+        attempt = solve_with_margins(request, reduced_statement, solver, facets)
         force = attempt.solved.force.reshape(len(rows), -1, statement.points, 3)
         full_sole_force = spread_to_corners(force, fraction * margin).reshape(
             attempt.solved.force.shape

@@ -75,13 +75,17 @@ class SolvedForces:
     num_resolved: int  # instants left to Clarabel by another solver
 
 
-def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedForces:
+def solve_forces(
+    statement: ForceStatement, solver: str, facets: int, is_quick: bool = False
+) -> SolvedForces:
     """Solve and check the force problems of all instants.
 
     Args:
         statement: The force problems.
         solver: "daqp", "clarabel" or "osqp".
         facets: Number of sides of the friction pyramids; without effect for "clarabel".
+        is_quick: Whether instants that the solver cannot decide count as missing; otherwise
+            Clarabel solves them on the exact cones.
     """
     if solver not in SOLVERS:
         raise UsageError(f"unknown force solver {solver!r}: expected one of {', '.join(SOLVERS)}")
@@ -103,7 +107,7 @@ def solve_forces(statement: ForceStatement, solver: str, facets: int) -> SolvedF
     is_accepted = solved & (check_forces(statement, force).worst <= RESIDUAL_LIMIT)
     is_accepted[reduction.unbalanced] = True  # nothing to solve
     unsolved = np.flatnonzero(~is_accepted)
-    if len(unsolved):
+    if len(unsolved) and not is_quick:
         _log.info("%d instants without an answer of %s, solved by Clarabel", len(unsolved), solver)
         constraints.reserve = 0.0  # a motion that needs it will say so
         _solve_constrained(

@@ -29,6 +29,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.climb_plan import Instants
 from climbplan.climb.scene.climb_scene import MotionScene
+from climbplan.climb.schema.force import ForcePlannerSpec
 from climbplan.mechanics.equilibrium import link_torques, total_load, wrench_of
 from climbplan.mechanics.friction import split_force
 from climbplan.mechanics.stability import BracedBody, braced_body, loaded_stiffness
@@ -160,7 +161,12 @@ def build_force_statement(
         instants: All instants.
         margin: Fraction of soles that is not pressed on.
     """
-    robot, force, count = scene.robot.pressed_within(margin), scene.spec.force, instants.count
+    return build_robot_forces(scene.robot.pressed_within(margin), scene.spec.force, instants)
+
+
+def build_robot_forces(robot: Robot, force: ForcePlannerSpec, instants: Instants) -> ForceStatement:
+    """Return the force problems of a robot's instants, without a scene; see above."""
+    count = instants.count
     min_penetration = -np.inf if force.min_penetration is None else force.min_penetration
     arms = pushed_points(robot, instants.toes, instants.normal) - instants.com[:, None]
     load = total_load(robot, instants.external_wrench, instants.rpy, instants.joint_angles)

@@ -185,6 +185,14 @@ class SimulateOptions:
             help="Standard deviation of the joint sensors that the regulator reads [deg].",
         ),
     ] = 0.0
+    closed_loop: Annotated[
+        bool,
+        typer.Option(
+            "--closed-loop",
+            help="Execute a climb or transition in closed loop: toes search their surface, limbs "
+            "lift once the others hold, forces follow what is measured.",
+        ),
+    ] = False
     most_slips: Annotated[
         int | None,
         typer.Option(
@@ -303,6 +311,12 @@ def simulate(context: typer.Context, options: SimulateOptions) -> None:
         return
     if options.urdf is not None or options.sphere_toes:
         raise UsageError("--urdf and --sphere-toes go with --engine drake")
+    if options.closed_loop and (
+        options.engine is not SimulationEngine.mujoco or options.regulate or options.speed != 1.0
+    ):
+        raise UsageError(
+            "--closed-loop: expected --engine mujoco, and no --regulate or --speed beside it"
+        )
     if options.rare and (not options.worlds or options.engine is not SimulationEngine.statics):
         raise UsageError("--rare: expected --worlds N and --engine statics beside it")
     _replay(session, path, options, sweep)
@@ -314,7 +328,7 @@ def _play_in_drake(session: Invocation, path: Path, options: SimulateOptions) ->
         options.runs, options.sweep, options.payload, options.backlash_deg,
         options.limb_mass_share, not options.limb_weights, options.speed != 1.0,
         options.random_backlash_deg, options.delay_ms, options.joint_noise_deg, options.push,
-        options.worlds, options.rare,
+        options.worlds, options.rare, options.closed_loop,
     )  # fmt: skip
     rotors = parse_scale("--armature", options.armature)
     gains = parse_scale("--damping", options.damping)
@@ -418,6 +432,7 @@ def _build_request(
             delay=options.delay_ms / 1e3,
             joint_noise=math.radians(options.joint_noise_deg),
             noise_seed=options.seed or 0,
+            closed_loop=options.closed_loop,
         ),
         runs=options.runs,
         sweep_key=sweep_key,

@@ -175,14 +175,20 @@ class BodyPoseEstimate:
         self._stood_before = tables.trusted[0].copy()
         self._places = (tables.toes if toes is None else toes).copy()
         self.com, self.rotation = tables.com[0].copy(), tables.rotation[0].copy()
+        self.errors = np.zeros(n)  # [m] by which standing toes are off their places
         self._is_standing, self._column = np.empty(n), np.empty((n, 1))
         self._middle, self._target_mean = np.empty(3), np.empty(3)
         self._local, self._target, self._rotated = (np.empty((n, 3)) for _ in range(3))
         self._across, self._spread, self._turn, self._next = (np.empty((3, 3)) for _ in range(4))
 
-    def update(self, sample: int, toes: Array) -> None:
-        """Set `com` and `rotation` by toes (N, 3) in the body frame at a sample of the plan."""
-        is_standing, trusted = self._is_standing, self._trusted[sample]
+    def update(self, sample: int, toes: Array, trusted: Array | None = None) -> None:
+        """Set `com` and `rotation` by toes (N, 3) in the body frame at a sample of the plan.
+
+        trusted: (N,) toes that stand, as far as is measured; None: as planned.
+        """
+        is_standing = self._is_standing
+        if trusted is None:
+            trusted = self._trusted[sample]
         if self._rolls is not None:
             rolled = self._rolls[sample]
             np.subtract(rolled, self._rolled, out=self._rotated)
@@ -199,9 +205,23 @@ class BodyPoseEstimate:
         )  # those that stand from now on, where they are
         np.copyto(self._column[:, 0], is_standing)
         np.subtract(self._rotated, self._places, out=self._rotated)
+        np.multiply(self._rotated, self._rotated, out=self._local)
+        np.add.reduce(self._local, axis=1, out=self.errors)
+        np.sqrt(self.errors, out=self.errors)
+        np.multiply(self.errors, self._stood_before, out=self.errors)
+        np.multiply(self.errors, trusted, out=self.errors)
         np.multiply(self._rotated, self._column, out=self._rotated)
         np.add(self._places, self._rotated, out=self._places)
         self._stood_before[:] = trusted
+
+    @property
+    def places(self) -> Array:
+        """Places (N, 3) of toes that stand, or stood last [m]; not a copy."""
+        return self._places
+
+    def forget(self, limb: int) -> None:
+        """Take the place of a toe anew: it has moved."""
+        self._stood_before[limb] = 0.0
 
     def _fit(self, toes: Array, count: float) -> None:
         """Fit the translation and rotation that carry standing toes nearest to their positions."""
@@ -275,7 +295,13 @@ class Corrections:
         self._add = self.added[..., None]
 
     def update(
-        self, sample: float, seconds: float, com: Array, rotation: Array, lag: Array
+        self,
+        sample: float,
+        seconds: float,
+        com: Array,
+        rotation: Array,
+        lag: Array,
+        added_deflection: Array | None = None,
     ) -> Array:
         """Return what to add to the joint commands (N, J) [rad], overwritten by the next call.
 
@@ -285,11 +311,15 @@ class Corrections:
             com: Position of the body (3,) [m].
             rotation: Rotation of the body (3, 3).
             lag: Joint angles (N, J) minus the last commands, less what carries links [rad].
+            added_deflection: What joints (N, J) are to deflect beyond the plan, by forces that
+                replace the planned ones [rad]; None for nothing.
         """
         tables = self.tables
         index = min(int(sample), self._last)
         after, fraction = min(index + 1, self._last), sample - int(sample)
         _interpolate(tables.deflection[index], tables.deflection[after], fraction, self._planned)
+        if added_deflection is not None:
+            np.add(self._planned, added_deflection, out=self._planned)
         np.maximum(lag, self._min_deflection, out=self._lag)
         np.minimum(self._lag, tables.max_deflection, out=self._lag)
         np.subtract(self._planned, self._lag, out=self._lag)

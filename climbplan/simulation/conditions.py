@@ -48,6 +48,8 @@ class Conditions:
     delay: float = 0.0  # that corrections come late [s]
     joint_noise: float = 0.0  # standard deviation of what the joints' sensors tell [rad]
     noise_seed: int = 0
+    closed_loop: bool = False  # contacts are measured before the plan goes on
+    torque_error: float = 0.05  # standard deviation of the scale of each motor's measured torque
     world: World | None = None  # what robot and terrain are beside this; None: as planned
 
 

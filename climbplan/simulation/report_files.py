@@ -39,6 +39,7 @@ class SimulationEnd:
     slips: int
     lost_contacts: int
     allowed: int  # slips and lost contacts together, by default
+    stopped: str = ""  # why a robot in closed loop stopped before its goal, if it did
     joint_speed: float = 0.0  # largest share of a joint's speed limit, 0 where none is judged
 
     @property
@@ -52,13 +53,15 @@ class SimulationEnd:
     def good(self) -> bool:
         """Return whether nothing fell, slipped or lost contact, and no joint was too fast."""
         stood = self.fall_time is None and not self.slips and not self.lost_contacts
-        return stood and not self.too_fast
+        return stood and not self.stopped and not self.too_fast
 
     @property
     def words(self) -> str:
         """ "stands", "stands with 2 slips and 1 lost contact", "falls at 4.2 s"."""
         if self.fall_time is not None:
             return f"falls at {self.fall_time:.2f} s"
+        if self.stopped:
+            return f"stops and stands: {self.stopped}"
         counts = [(self.slips, "slip"), (self.lost_contacts, "lost contact")]
         incidents = [f"{count} {name}{'s' * (count > 1)}" for count, name in counts if count]
         if self.too_fast:
@@ -73,7 +76,7 @@ class SimulationEnd:
                 default of the kind of plan.
         """
         limit = self.allowed if max_slips is None else max_slips
-        if self.fall_time is not None:
+        if self.fall_time is not None or self.stopped:
             return f"the robot {self.words}"
         if self.slips + self.lost_contacts > limit:
             return f"the robot {self.words}, expected at most {limit} together (--most-slips)"

@@ -16,7 +16,7 @@ from climbplan.climb.simulation.control.feedforward import compute_links_moment
 from climbplan.climb.simulation.control.planned_pressure import compute_planned_pressure
 from climbplan.climb.simulation.grips.gripping import find_closed_grippers
 from climbplan.climb.simulation.instant_samples import find_instant_samples
-from climbplan.climb.simulation.replay import RecordedRun
+from climbplan.climb.simulation.mujoco_run import RecordedRun
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import Conditions

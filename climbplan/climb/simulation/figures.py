@@ -13,7 +13,7 @@ from climbplan.climb.pages.series import find_spans
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.comparison import PlanComparison
 from climbplan.climb.simulation.instant_samples import find_instant_samples
-from climbplan.climb.simulation.replay import RecordedRun
+from climbplan.climb.simulation.mujoco_run import RecordedRun
 from climbplan.climb.simulation.sweep import SweepPoint
 from climbplan.reports import palette
 from climbplan.reports.sheet import (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,9 +11,11 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from climbplan.climb.simulation.comparison import MIN_SAG, PlanComparison
+from climbplan.climb.simulation.executive.settings import describe_event
 from climbplan.climb.simulation.figures import plot_falls, plot_leg, plot_sag
 from climbplan.climb.simulation.grips.gripping import GripReport
 from climbplan.climb.simulation.model.mjcf import TIME_STEP
+from climbplan.climb.simulation.mujoco_run import ExecutionRecord
 from climbplan.climb.simulation.risk.estimation import build_risk_dict
 from climbplan.climb.simulation.risk.figure import plot_causes
 from climbplan.climb.simulation.risk.multilevel_splitting import build_rare_dict
@@ -37,7 +40,8 @@ UNITS = {
     "worst_world.time": "s",
     "final_offset": "m", "grips.missed": "m", "grips.let_go.time": "s",
     "slips.time": "s", "slips.distance": "m", "lost_contacts.time": "s",
-    "lost_contacts.duration": "s", "conditions.payload": "kg",
+    "lost_contacts.duration": "s", "execution.duration": "s", "execution.step_time.*": "s",
+    "execution.events.time": "s", "execution.events.clock": "s", "conditions.payload": "kg",
     "conditions.backlash": "rad", "conditions.armature_value": "kg m^2",
     "conditions.damping_value": "N m s/rad",
 }  # fmt: skip
@@ -58,7 +62,7 @@ def build_report(study: SimulationStudy) -> SimulationRecord:
         film=film,
         cards=_build_cards(study),
         events=_list_events(study),
-        notes=(_MODEL, _JUDGES) if study.run.grips is None else (_MODEL, _GRIPS, _JUDGES),
+        notes=_select_notes(study),
         worlds="" if study.risk is None else study.risk.stands,
         worst=None if study.worst is None else (_describe_worst(study.worst), study.worst.film),
     )
@@ -72,7 +76,14 @@ def compute_end(study: SimulationStudy) -> SimulationEnd:
     """Compute how the nominal run ended; sliding or separating toes are not planned."""
     run, comparison = study.run, study.comparison
     fall = float(run.time[-1]) if run.fallen else None
-    return SimulationEnd(fall, len(comparison.slips), len(comparison.lost_contacts), allowed=0)
+    execution = run.execution
+    return SimulationEnd(
+        fall,
+        len(comparison.slips),
+        len(comparison.lost_contacts),
+        allowed=0 if execution is None else sys.maxsize,  # which closed loop is there for
+        stopped="" if execution is None or run.fallen else execution.stopped,
+    )
 
 
 _MODEL = (
@@ -91,6 +102,20 @@ _JUDGES = (
     "rest at each instant. Not judged: wear of surfaces, motor heating, flexible links beyond the "
     "plan's compliance."
 )
+
+
+_CLOSED_LOOP = (
+    "In closed loop commands follow from joint angles and motor torques, measured with noise and "
+    "an error of scale for each motor. The plan's clock waits for touch-downs and unloaded limbs, "
+    "so that times of the plan are not those of the run."
+)
+
+
+def _select_notes(study: SimulationStudy) -> tuple[str, ...]:
+    run = study.run
+    grips = () if run.grips is None else (_GRIPS,)
+    loop = () if run.execution is None else (_CLOSED_LOOP,)
+    return (_MODEL, *grips, *loop, _JUDGES)
 
 
 def _build_cards(study: SimulationStudy) -> list[Card]:
@@ -148,6 +173,12 @@ def _list_events(study: SimulationStudy) -> list[tuple[str, str]]:
     ]
     if study.run.grips is not None:
         events += [(x.time, f"{names[x.limb]} {x.message}") for x in study.run.grips.failures]
+    if study.run.execution is not None:
+        events += [
+            (event.clock, describe_event(event, names))
+            for event in study.run.execution.events
+            if event.kind in ("returned", "stopped")
+        ]
     if study.run.fallen:
         events.append((float(study.run.time[-1]), "the robot falls"))
     return [(f"{time:.1f} s", message) for time, message in sorted(events)]
@@ -197,6 +228,7 @@ def build_report_dict(study: SimulationStudy) -> dict[str, Any]:
             }
             for s in comparison.lost_contacts
         ],
+        "execution": None if run.execution is None else _build_execution_dict(run.execution, names),
         "grips": None if run.grips is None else _build_grips_dict(run.grips, names),
         "worlds": None if study.risk is None else build_risk_dict(study.risk, names, plan),
         "worst_world": None if study.worst is None else _build_worst_dict(study.worst),
@@ -241,6 +273,24 @@ def _build_worst_dict(worst: WorstWorld) -> dict[str, Any]:
         "fallen": worst.run.fallen,
         "time": float(worst.run.time[-1]),
         "film": WORST_FILM,
+    }
+
+
+def _build_execution_dict(execution: ExecutionRecord, names: Sequence[str]) -> dict[str, Any]:
+    return {
+        "stopped": execution.stopped,
+        "duration": execution.duration,
+        "step_time": summarise_values(execution.step_times),
+        "events": [
+            {
+                "time": event.time,
+                "clock": event.clock,
+                "kind": event.kind,
+                "limb": names[event.limb] if event.limb >= 0 else None,
+                "value": event.value,
+            }
+            for event in execution.events
+        ],
     }
 
 

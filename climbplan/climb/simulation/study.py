@@ -12,7 +12,8 @@ import numpy as np
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.simulation.comparison import PlanComparison, compare
 from climbplan.climb.simulation.model.link_masses import select_link_masses
-from climbplan.climb.simulation.replay import RecordedRun, simulate
+from climbplan.climb.simulation.mujoco_run import RecordedRun
+from climbplan.climb.simulation.replay import simulate
 from climbplan.climb.simulation.risk.estimation import (
     RiskEstimate,
     build_world_conditions,
@@ -159,6 +160,10 @@ def format_headline(study: SimulationStudy) -> str:
     """Format the run in one line."""
     run, comparison = study.run, study.comparison
     end_text = f"falls at {run.time[-1]:.1f} s" if run.fallen else "no fall"
+    if run.execution is not None:
+        end_text += f" in closed loop, {run.execution.duration:.1f} s"
+        if run.execution.stopped:
+            end_text += f", stops at {run.time[-1]:.1f} s: {run.execution.stopped}"
     error = comparison.torque_error
     if not len(comparison.instant):
         torque_text = "no instant reached"

@@ -173,6 +173,7 @@ def _check_request(plan: LimmsPlan, asked: SimulationRequest) -> None:
         ("--armature", (conditions.armature, conditions.armature_value) != (1.0, None)),
         ("--damping", (conditions.damping, conditions.damping_value) != (1.0, None)),
         ("--regulate", conditions.regulator != base.regulator),
+        ("--closed-loop", conditions.closed_loop),
         ("--speed", conditions.speed != base.speed),
     ):
         if is_set:

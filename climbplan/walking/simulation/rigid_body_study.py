@@ -135,6 +135,7 @@ def reject_flags(request: SimulationRequest, reason: str) -> None:
         ("--no-limb-weights", not conditions.limb_weights),
         ("--damping", (conditions.damping, conditions.damping_value) != (1.0, None)),
         ("--regulate", conditions.regulator != base.regulator),
+        ("--closed-loop", conditions.closed_loop),
         ("--speed", conditions.speed != base.speed),
     ):
         if is_set:

@@ -90,7 +90,9 @@ def build_end(
     """
     fall = float(run.time[-1]) if run.fallen else None
     legs = plan.task.body.leg_count
-    return SimulationEnd(fall, len(compared.slips), len(compared.losses), legs, joint_speed)
+    return SimulationEnd(
+        fall, len(compared.slips), len(compared.losses), legs, joint_speed=joint_speed
+    )
 
 
 def render_pictures(

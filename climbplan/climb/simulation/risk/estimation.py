@@ -54,6 +54,7 @@ class ScenarioOutcome:
     limb: int  # -1 of none
     instant: int  # -1 before the first
     farthest: float  # [m] of the body from where it is planned, up to then
+    stopped: str = ""  # why a robot in closed loop stopped before its goal, if it did
 
 
 @dataclass(frozen=True)
@@ -71,10 +72,16 @@ class RiskEstimate:
         return sum(o.fallen for o in self.outcomes)
 
     @property
+    def stops(self) -> int:
+        """Number of worlds in which a robot in closed loop stopped before its goal, and stands."""
+        return sum(bool(o.stopped) and not o.fallen for o in self.outcomes)
+
+    @property
     def stands(self) -> str:
         """Text with the number of worlds without a fall."""
         count = len(self.outcomes)
-        return f"stands in {count - self.falls} of {count} worlds"
+        stops = f", stops before its goal in {self.stops}" if self.stops else ""
+        return f"stands in {count - self.falls} of {count} worlds{stops}"
 
     @property
     def worst(self) -> int:
@@ -168,6 +175,7 @@ def build_risk_dict(risk: RiskEstimate, names: Sequence[str], plan: ClimbPlan) -
         "seed": risk.seed,
         "worlds": count,
         "falls": risk.falls,
+        "stops": risk.stops,
         "probability": risk.falls / count,
         "lower": low,
         "upper": high,
@@ -204,6 +212,8 @@ def format_risk(risk: RiskEstimate, names: Sequence[str], plan: ClimbPlan) -> li
     count = len(risk.outcomes)
     falls_text = f"{risk.falls} of {count} worlds fall ({risk.engine})"
     lines = [f"{falls_text}: {risk.falls / count:.2%}, 95 % interval {low:.2%} to {high:.2%}"]
+    if risk.stops:
+        lines.append(f"  {risk.stops} of {count} worlds stop before the goal and stand")
     if risk.engine == "statics":
         lines.append("  MuJoCo ends otherwise in some 3 of 100 worlds (--engine mujoco)")
     for (cause, limb, number), frequency in count_causes(risk, names, plan)[:5]:
@@ -255,7 +265,8 @@ def _simulate_mujoco(
         deviation = run.com - plan.trajectory.com[: run.samples]
         farthest = float(np.linalg.norm(deviation, axis=1).max())
         if not run.fallen:
-            outcomes.append(ScenarioOutcome(False, end, "", -1, -1, farthest))
+            stopped = "" if run.execution is None else run.execution.stopped
+            outcomes.append(ScenarioOutcome(False, end, "", -1, -1, farthest, stopped))
             continue
         events = [(s.time, _CAUSES[2], s.limb, s.instant) for s in find_slips(plan, run)]
         events += [(x.time, _CAUSES[1], x.limb, x.instant) for x in find_losses(plan, run)]

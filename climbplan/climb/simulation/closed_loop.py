@@ -1,0 +1,143 @@
+"""Execute a plan in closed loop in MuJoCo, with the sensors of a robot.
+
+Joint encoders have the noise and backlash of the conditions, motor torques an error of scale for
+each motor and noise. The delay of the conditions holds for all that the executive reads. A robot
+that stops before the end has to hold itself for some time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from climbplan.arrays import Array
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.simulation.executive.executive import ClimbExecutive
+from climbplan.climb.simulation.instant_samples import find_instant_samples
+from climbplan.climb.simulation.model.mjcf import TIME_STEP
+from climbplan.climb.simulation.mujoco_run import (
+    CONTROL_PERIOD,
+    SETTLING_TIME,
+    ExecutionRecord,
+    MujocoRun,
+    RecordedRun,
+)
+from climbplan.robots.rotations import rotation_world_body
+from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.measures import FALLEN, TUMBLED, compute_tilt
+
+_TORQUE_NOISE = 0.005  # standard deviation of a measured torque, by the motor's limit
+_HOLDING_TIME = 5.0  # [s] that a stopped robot has to hold itself
+_TORQUE_SALT = 0x746F72  # keeps errors of torques apart from other draws of a seed
+
+
+class ClosedLoopRun(MujocoRun):
+    """A MuJoCo model whose commands come from an executive."""
+
+    def __init__(
+        self, mujoco: ModuleType, model: Any, data: Any, plan: ClimbPlan, conditions: Conditions
+    ) -> None:
+        super().__init__(mujoco, model, data, plan, conditions)
+        self.executive = ClimbExecutive(plan, self.start.toes)
+        # What a robot adds to commands: what carries its links, and errors of its footholds
+        self._added = self.command - plan.trajectory.joint_command
+        shape = plan.robot.limb_count, plan.robot.joint_count
+        self._sensor_errors = np.random.default_rng([_TORQUE_SALT, conditions.noise_seed])
+        error = conditions.torque_error * self._sensor_errors.standard_normal(shape)
+        self._torque_scale = 1.0 + error
+        self._torque_noise = _TORQUE_NOISE * plan.robot.max_torque
+        self._readings: deque[tuple[Array, Array]] = deque()
+        self._rows: list[dict[str, Any]] = []  # one of each sample up to the clock
+        self._step_times: list[float] = []
+
+    def play(
+        self,
+        progress: Callable[[float], None] | None,
+        watch: Callable[[int, Any, Any], None] | None,
+        rests: bool,
+    ) -> RecordedRun:
+        """Execute the plan to its end, a stop or a fall; see `MujocoRun.play`."""
+        executive, trajectory = self.executive, self.plan.trajectory
+        self._place()
+        executive.pause(SETTLING_TIME)
+        wrench = self._compute_loads()
+        planned = rotation_world_body(trajectory.rpy)
+        instant_samples = find_instant_samples(self.plan)
+        rest_positions = np.full((len(instant_samples), 1 + self.plan.robot.limb_count, 3), np.nan)
+        self.data.ctrl[: self.joints] = (self._added[0] + executive.command).ravel()
+        fallen, remaining_time = False, 0.0
+        while not fallen and (not executive.finished or (executive.stopped and remaining_time > 0)):
+            before = executive.sample
+            was_running = not executive.finished
+            self._step(wrench)
+            sample = executive.sample
+            if was_running and executive.stopped:
+                remaining_time = _HOLDING_TIME
+            remaining_time -= CONTROL_PERIOD
+            if sample != before:
+                self._record(sample)
+                if watch is not None and sample > before:
+                    watch(sample, self.model, self.data)
+                if progress is not None and sample % 100 == 0:
+                    progress(sample / len(trajectory.time))
+                for k in np.flatnonzero(instant_samples == sample) if rests else ():
+                    rest_positions[k] = self._simulate_rest()
+            is_low = trajectory.com[sample, 2] - self.data.qpos[2] > FALLEN
+            attitude = self.data.xmat[self.body].reshape(3, 3)
+            fallen = bool(is_low or compute_tilt(attitude, planned[sample]) > TUMBLED)
+        self._record(executive.sample)
+        return self._build_run(fallen, rest_positions)
+
+    def _step(self, wrench: Array) -> None:
+        """Let the executive read sensors and command motors once, and simulate its period."""
+        executive, data = self.executive, self.data
+        angles, torque = self._read_sensors()
+        begin = time.perf_counter()
+        command = executive.step(CONTROL_PERIOD, angles, torque)
+        self._step_times.append(time.perf_counter() - begin)
+        sample = executive.sample
+        self._apply_friction_losses(self.plan.trajectory.time[sample])
+        data.xfrc_applied[self.body] = wrench[sample]
+        data.ctrl[: self.joints] = (command + self._added[sample]).ravel()
+        self.mujoco.mj_step(self.model, data, nstep=round(CONTROL_PERIOD / TIME_STEP))
+
+    def _read_sensors(self) -> tuple[Array, Array]:
+        """Read angles (N, J) [rad] and torques (N, J) [N m] as they were before the delay."""
+        angles = self._read_angles()
+        noise = self._torque_noise * self._sensor_errors.standard_normal(angles.shape)
+        torque = self.data.actuator_force[: self.joints].reshape(angles.shape)
+        self._readings.append((angles, torque * self._torque_scale + noise))
+        delayed = round(self.conditions.delay / CONTROL_PERIOD)
+        while len(self._readings) > delayed + 1:
+            self._readings.popleft()
+        return self._readings[0]
+
+    def _record(self, sample: int) -> None:
+        """Record the present state as that of a sample, and of samples skipped before it."""
+        del self._rows[sample:]
+        row = self._record_sample(sample) | {"elapsed": self.executive.time - SETTLING_TIME}
+        self._rows += [row] * (sample + 1 - len(self._rows))
+
+    def _build_run(self, fallen: bool, rest_positions: Array) -> RecordedRun:
+        stacked = {name: np.array([row[name] for row in self._rows]) for name in self._rows[0]}
+        execution = ExecutionRecord(
+            tuple(self.executive.events),
+            self.executive.stopped,
+            stacked.pop("elapsed"),
+            np.array(self._step_times),
+        )
+        return RecordedRun(
+            conditions=self.conditions,
+            time=self.plan.trajectory.time[: len(self._rows)],
+            fallen=fallen,
+            rest_com=rest_positions[:, 0],
+            rest_toes=rest_positions[:, 1:],
+            grips=None,
+            execution=execution,
+            **stacked,
+        )

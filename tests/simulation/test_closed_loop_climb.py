@@ -1,0 +1,217 @@
+"""Closed-loop execution: what it waits for, what it presses with, and that it stands."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+
+from climbplan.arrays import Array
+from climbplan.climb.forces.statement import build_robot_forces, check_forces
+from climbplan.climb.plan.climb_plan import ClimbPlan, Instants
+from climbplan.climb.plan.played import START
+from climbplan.climb.schema.force import ForcePlannerSpec
+from climbplan.climb.simulation.executive.executive import ClimbExecutive
+from climbplan.climb.simulation.executive.schedule import build_schedule
+from climbplan.climb.simulation.executive.settings import (
+    ExecutiveEvent,
+    ExecutiveSettings,
+    describe_event,
+)
+from climbplan.climb.simulation.executive.stance_forces import solve_stance_forces
+from climbplan.climb.simulation.replay import simulate
+from climbplan.climb.simulation.worlds.nominal_world import build_nominal_world
+from climbplan.errors import UsageError
+from climbplan.mechanics.stiffness import limb_compliance
+from climbplan.robots.kinematics import jacobian_world, standing_inverse, toe_world
+from climbplan.simulation.conditions import Conditions
+
+Planned = Callable[..., ClimbPlan]
+_STEP = 0.02  # [s]
+_TOUCH = 8.0  # [N] of a toe that has met its surface
+
+
+class IdealRobot:
+    """A robot whose body is where it is planned and whose toes bear what they are to bear.
+
+    A toe in the air touches once its command presses it onto its surface with `_TOUCH`.
+    """
+
+    def __init__(self, plan: ClimbPlan, executive: ClimbExecutive, depth: Array) -> None:
+        """Start; depth: (N,) of surfaces behind their planned places [m], inf of none."""
+        self.plan, self.executive, self.depth = plan, executive, depth
+        self._schedule = build_schedule(plan, 0.03)
+        self._places = plan.rounds.toes[0].copy()
+
+    def read(self, sample: int, force: Array) -> tuple[Array, Array]:
+        """Return angles and motor torques (N, J) of toes that bear forces (N, 3)."""
+        plan, command = self.plan, self.executive.command
+        com, rpy = plan.trajectory.com[sample], plan.trajectory.rpy[sample]
+        inverse = standing_inverse(
+            plan.robot, com, rpy, self._places, self._schedule.normal[sample]
+        )
+        bears = np.asarray(force.any(axis=1))[:, None]
+        angles = np.where(bears, inverse.best(), command)
+        torque = np.einsum("nij,ni->nj", jacobian_world(plan.robot, rpy, angles), force)
+        return angles, self.executive.gravity_torque[sample] - torque
+
+    def step(self) -> None:
+        """Let the executive read what its last commands cause."""
+        plan, executive, schedule = self.plan, self.executive, self._schedule
+        sample = executive.sample
+        contact = plan.trajectory.contact[sample]
+        force = executive.target_force * contact[:, None]
+        toes = toe_world(
+            plan.robot,
+            plan.trajectory.com[sample],
+            plan.trajectory.rpy[sample],
+            executive.command,
+        )
+        jacobian = jacobian_world(plan.robot, plan.trajectory.rpy[sample], executive.command)
+        softness = limb_compliance(plan.robot, jacobian)  # walls face along x
+        for limb in np.flatnonzero(~contact):
+            landing = sample + int(np.argmax(plan.trajectory.contact[sample:, limb]))
+            normal, place = schedule.normal[landing, limb], schedule.path[landing, limb]
+            if (place - toes[limb]) @ normal >= self.depth[limb] + _TOUCH * softness[limb, 0, 0]:
+                force[limb] = _TOUCH * normal
+                self._places[limb] = place - self.depth[limb] * normal
+        executive.step(_STEP, *self.read(sample, force))
+
+
+def test_gates_are_unload_lift_touch_of_each_limb_step(planned: Planned) -> None:
+    plan = planned()
+    contact = plan.trajectory.contact
+    gates = build_schedule(plan, 0.03).gates
+    assert [gate.kind for gate in gates] == ["unload", "lift", "touch"] * (plan.instants.count // 2)
+    assert (np.diff([gate.sample for gate in gates]) > 0).all()
+    for unload, lift, touch in zip(gates[::3], gates[1::3], gates[2::3], strict=True):
+        assert contact[unload.sample].all()
+        assert not contact[lift.sample : touch.sample, lift.limbs].any()
+        assert contact[touch.sample].all()
+
+
+def test_stance_forces_hold_on_the_friction_that_was_measured(planned: Planned) -> None:
+    plan, no_load = planned(), np.zeros(6)
+    instants = plan.instants
+    slippery = 0.8 * instants.mu[0]
+    found = solve_stance_forces(plan, 0, instants.toes[0], slippery, no_load)
+    assert found is not None
+    first = {f.name: getattr(instants, f.name)[:1] for f in fields(Instants)}
+    row = Instants(**first | {"mu": slippery[None]})
+    statement = build_robot_forces(plan.robot, ForcePlannerSpec(safety_friction=1.3), row)
+    assert check_forces(statement, found.force[None]).worst[0] < 1e-6
+    assert not found.force[instants.lifted[0]].any()
+
+
+def test_stance_forces_carry_a_load_that_was_measured(planned: Planned) -> None:
+    plan = planned()
+    heavier = np.array([0.0, 0.0, -20.0, 0.0, 0.0, 0.0])
+    light = solve_stance_forces(plan, START, plan.rounds.toes[0], plan.instants.mu[0], np.zeros(6))
+    heavy = solve_stance_forces(plan, START, plan.rounds.toes[0], plan.instants.mu[0], heavier)
+    assert light is not None
+    assert heavy is not None
+    assert heavy.force[:, 2].sum() - light.force[:, 2].sum() == pytest.approx(20.0, abs=1e-6)
+
+
+def test_there_are_no_stance_forces_on_ice(planned: Planned) -> None:
+    plan = planned()
+    ice = np.full(plan.robot.limb_count, 0.02)
+    assert solve_stance_forces(plan, 0, plan.instants.toes[0], ice, np.zeros(6)) is None
+
+
+def test_a_toe_searches_a_surface_that_is_farther(planned: Planned) -> None:
+    plan = planned()
+    executive = ClimbExecutive(plan)
+    depth = np.zeros(plan.robot.limb_count)
+    limb = int(np.flatnonzero(plan.instants.lifted[0])[0])
+    depth[limb] = 0.012
+    robot = IdealRobot(plan, executive, depth)
+    while not any(event.kind == "touched" for event in executive.events):
+        assert executive.time < 20.0
+        assert not executive.stopped
+        robot.step()
+    touched = next(event for event in executive.events if event.kind == "touched")
+    assert touched.limb == limb
+    assert touched.value == pytest.approx(depth[limb], abs=3e-3)
+    # It presses on a soft limb until it counts as touched
+    assert executive.time - executive.clock > 0.012 / ExecutiveSettings().search_speed
+
+
+def test_a_robot_stops_where_a_toe_finds_no_surface(planned: Planned) -> None:
+    plan = planned()
+    executive = ClimbExecutive(plan)
+    robot = IdealRobot(plan, executive, np.full(plan.robot.limb_count, np.inf))
+    while not executive.finished:
+        assert executive.time < 20.0
+        robot.step()
+    name = plan.robot.limb_names[int(np.flatnonzero(plan.instants.lifted[0])[0])]
+    assert executive.stopped == f"{name} finds no surface within 30 mm"
+    clock = executive.clock
+    robot.step()
+    assert executive.clock == clock  # it holds where it is
+
+
+def test_a_limb_that_still_carries_does_not_lift(planned: Planned) -> None:
+    plan = planned()
+    executive = ClimbExecutive(plan, settings=ExecutiveSettings(patience=1.0))
+    lift = next(gate for gate in build_schedule(plan, 0.03).gates if gate.kind == "lift")
+    robot = IdealRobot(plan, executive, np.zeros(plan.robot.limb_count))
+    while executive.clock < plan.trajectory.time[lift.sample] - 0.1:
+        robot.step()
+    force = executive.target_force.copy()
+    force[lift.limbs] += 40.0 * plan.instants.normal[0, lift.limbs]
+    while not executive.finished:
+        executive.step(_STEP, *robot.read(executive.sample, force))
+        assert executive.time < 20.0
+    assert "still carries" in executive.stopped
+    assert executive.clock == pytest.approx(plan.trajectory.time[lift.sample])
+
+
+def test_readings_that_are_no_numbers_are_refused(planned: Planned) -> None:
+    plan = planned()
+    executive = ClimbExecutive(plan)
+    good = np.zeros_like(executive.command)
+    with pytest.raises(ValueError, match="finite"):
+        executive.step(_STEP, np.full_like(good, np.nan), good)
+    with pytest.raises(ValueError, match="time step"):
+        executive.step(0.0, good, good)
+
+
+def test_settings_are_positive() -> None:
+    with pytest.raises(UsageError, match="search_speed"):
+        ExecutiveSettings(search_speed=0.0)
+
+
+def test_events_are_described_in_words() -> None:
+    names = ("RF", "LF")
+    event = ExecutiveEvent(1.0, 1.0, "touched", 1, 0.012)
+    assert describe_event(event, names) == "LF meets its surface 12 mm behind its place"
+    assert describe_event(event._replace(kind="stopped", limb=-1), names) == "the robot stops"
+
+
+@pytest.mark.merge
+def test_a_climb_in_closed_loop_arrives_on_a_wall_that_is_farther(planned: Planned) -> None:
+    plan = planned()
+    surface = np.zeros(len(plan.terrain.surfaces))
+    surface[plan.rounds.region[-1, 0]] = -0.02
+    world = replace(build_nominal_world(plan), surface=surface)
+    run = simulate(plan, Conditions(closed_loop=True, world=world))
+    assert not run.fallen
+    assert run.execution is not None
+    assert run.execution.stopped == ""
+    assert run.samples == len(plan.trajectory.time)
+    assert run.execution.duration > plan.trajectory.time[-1]
+    touched = [event.limb for event in run.execution.events if event.kind == "touched"]
+    assert sorted(touched) == list(range(plan.robot.limb_count))
+
+
+@pytest.mark.merge
+def test_a_climb_in_closed_loop_is_the_same_again(planned: Planned) -> None:
+    plan, conditions = planned(), Conditions(closed_loop=True, noise_seed=5)
+    first, again = simulate(plan, conditions), simulate(plan, conditions)
+    assert first.execution is not None
+    assert again.execution is not None
+    assert first.execution.events == again.execution.events
+    np.testing.assert_array_equal(first.com, again.com)

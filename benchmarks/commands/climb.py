@@ -118,6 +118,20 @@ def scans(
 
 
 @benchmark()
+def closed_loop(
+    run: Run,
+    seed: Seed = 0,
+    scenes: Annotated[str | None, name_option("--scenes", "NAMES", "Specs, by commas.")] = None,
+    count: Annotated[int | None, number_option("--count", "Drawn worlds of each [20].")] = None,
+    out: Results = None,
+) -> Mapping[str, Any]:
+    """Climbs in worlds that differ from the plan, with and without the executive: falls."""
+    from benchmarks.climb.closed_loop import bench_closed_loop
+
+    return bench_closed_loop(seed, run.quick, run.stream, count, scenes, out)
+
+
+@benchmark()
 def courses(
     run: Run,
     seed: Seed = 0,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 from benchmarks.running import Results, Run, Seed, benchmark, name_option, number_option
@@ -42,3 +43,20 @@ def conic(run: Run, seed: Seed = 0) -> None:
     from benchmarks.engine.conic import run_conic
 
     run_conic(seed, run.quick, run.stream)
+
+
+@benchmark()
+def qplib(
+    run: Run,
+    folder: Annotated[Path, name_option("--folder", "DIR", "Folder of .qplib files.")] = Path(
+        "qplib"
+    ),
+    out: Results = None,
+    time_limit: Annotated[
+        float | None, number_option("--time-limit", "Of one instance [s] [60; quick 2].", 0.1)
+    ] = None,
+) -> None:
+    """Instances of QPLIB by the own trees, SCIP and HiGHS."""
+    from benchmarks.engine.qplib import run_qplib
+
+    run_qplib(run.quick, run.stream, folder, out, time_limit)

@@ -20,7 +20,7 @@ from climbplan.instances import families
 NAMES = {
     "posture", "force", "plan", "coupled", "transition", "mpc", "refusals", "stands", "scans",
     "judge", "zoo", "growth", "windows", "bookshelf", "strategies", "limms", "instances", "engine",
-    "courses", "conic",
+    "courses", "conic", "qplib",
 }  # fmt: skip
 SHARED = {"--quick", "--json", "--quiet", "--verbose"}
 
@@ -56,7 +56,10 @@ def test_each_benchmark_has_its_own_options_and_the_shared_ones() -> None:
         for name, command in commands.items()
     }
     assert all(found >= SHARED for found in options.values())
-    assert {name for name, found in options.items() if "--seed" not in found} == {"scans"}
+    assert {name for name, found in options.items() if "--seed" not in found} == {
+        "qplib",
+        "scans",
+    }
     assert {name for name, found in options.items() if "--force" in found} == {
         "bookshelf",
         "strategies",

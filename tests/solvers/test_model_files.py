@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import climbplan
+from benchmarks.engine.qplib import FILE, QplibRow, run_qplib
+from benchmarks.kept_rows import read_rows
 from climbplan.errors import UsageError
 from climbplan.program import Program
 from climbplan.program.instance import Instance
@@ -150,9 +153,9 @@ def test_qplib(tmp_path: Path) -> None:
     for _ in range(20):
         x = rng.uniform(-1.0, 2.0, 3)
         x[2] = rng.integers(0, 2)
-        value = -(x[0] ** 2) + x[1] * x[2] + 0.5 * x[2] - 3.0
+        value = -(x[0] ** 2) + 0.5 * x[1] * x[2] + 0.5 * x[2] - 3.0
         point = np.append(x, -value)
-        worst = max(0.0, x[0] + x[1] - 4.0, abs(x[0] * x[1] - x[2]))
+        worst = max(0.0, x[0] + x[1] - 4.0, abs(0.5 * x[0] * x[1] - x[2]))
         assert instance.objective(point) == pytest.approx(-value)
         assert instance.violation(point) == pytest.approx(worst)
 
@@ -165,7 +168,7 @@ def test_a_qplib_box(tmp_path: Path) -> None:
 
 
 def test_squares_of_binaries_make_a_cost_convex(tmp_path: Path) -> None:
-    text = BOX.replace("LBN", "QBN").replace("\n2\n1.0", "\n2\n1\n1 2 -1.0\n1.0")
+    text = BOX.replace("LBN", "QBN").replace("\n2\n1.0", "\n2\n1\n2 1 -1.0\n1.0")
     instance = problem_from_file(_write(tmp_path, "box.qplib", text)).instance({})
     assert not instance.products.count
     for x in np.ndindex(2, 2):
@@ -280,6 +283,24 @@ def test_mistakes_of_qplib_files(tmp_path: Path, old: str, new: str, message: st
 def test_mistakes_of_other_files(tmp_path: Path, name: str, text: str, message: str) -> None:
     with pytest.raises(UsageError, match=message):
         problem_from_file(_write(tmp_path, name, text))
+
+
+def test_the_benchmark_keeps_its_rows(tmp_path: Path) -> None:
+    out, stream = tmp_path / "out", io.StringIO()
+    run_qplib(True, stream, tmp_path, out, None)
+    assert "no QPLIB files of this subset" in stream.getvalue()
+    costs = BOX.replace("\n2\n1.0\n", "\n2\n-1.0\n")  # an optimum of 0 has no relative gap
+    _write(tmp_path, "QPLIB_3980.qplib", costs)
+    run_qplib(True, stream, tmp_path, out, None)
+    rows = read_rows(out / FILE, QplibRow)
+    assert [(row.solver, row.status) for row in rows] == [
+        ("climbplan", "optimal"),
+        ("scip", "optimal"),
+        ("highs", "optimal"),
+    ]
+    before = (out / FILE).read_text()
+    run_qplib(True, stream, tmp_path, out, None)
+    assert (out / FILE).read_text() == before
 
 
 def test_a_file_that_is_missing(tmp_path: Path) -> None:

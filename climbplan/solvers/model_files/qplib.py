@@ -214,8 +214,14 @@ class _QplibReader:
 
 
 def _build_symmetric(indices: IntArray, values: Array, n: int) -> sparse.csr_matrix:
-    """Build a symmetric matrix of entries of one triangle."""
+    """Build the symmetric H of 1/2 x'H x from the entries of one triangle.
+
+    Files list either triangle. An entry h below the diagonal is one of two of a symmetric matrix,
+    and means h x_i x_j. Files with upper triangles state terms of an .lp file, 1/2 h x_i x_j: only
+    so is the cost of instances that QPLIB lists as convex positive semidefinite.
+    """
     i, j = indices[:, 0], indices[:, 1]
+    values = np.where(i < j, 0.5 * values, values)
     off = i != j
     places = np.concatenate([i, j[off]]), np.concatenate([j, i[off]])
     return sparse.csr_matrix((np.concatenate([values, values[off]]), places), shape=(n, n))

@@ -40,6 +40,32 @@ def plan(workplace: Path, made: Path) -> Path:
     return workplace / "made"
 
 
+@pytest.mark.parametrize(
+    "options", [("--regulate", "joints"), ("--engine", "statics"), ("--speed", "2")]
+)
+def test_closed_loop_has_a_pace_and_feedback_of_its_own(
+    run_command: RunCommand, plan: Path, options: tuple[str, ...]
+) -> None:
+    done = run_command("simulate", plan.name, "--closed-loop", *options)
+    assert done.code == 2
+    assert "--closed-loop: expected --engine mujoco, and no --regulate or --speed" in done.err
+
+
+@pytest.mark.merge
+def test_simulate_executes_a_climb_in_closed_loop(
+    run_command: RunCommand, workplace: Path, plan: Path
+) -> None:
+    pytest.importorskip("mujoco")
+    done = run_command("simulate", plan.name, "--closed-loop", "--no-pictures")
+    assert done.code == 0, done.err
+    assert "no fall in closed loop" in done.err
+    report = json.loads((workplace / "outputs" / "small_simulation" / "report.json").read_text())
+    kinds = {event["kind"] for event in report["execution"]["events"]}
+    assert {"touched", "forces"} <= kinds
+    assert report["execution"]["stopped"] == ""
+    assert report["execution"]["duration"] > report["planned_time"]
+
+
 def test_simulate_writes_table_report_and_figures(
     run_command: RunCommand, workplace: Path, plan: Path
 ) -> None:

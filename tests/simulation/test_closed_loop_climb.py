@@ -22,7 +22,13 @@ from climbplan.climb.simulation.executive.settings import (
 )
 from climbplan.climb.simulation.executive.stance_forces import solve_stance_forces
 from climbplan.climb.simulation.replay import simulate
+from climbplan.climb.simulation.risk.estimation import (
+    RiskEstimate,
+    ScenarioOutcome,
+    format_risk,
+)
 from climbplan.climb.simulation.worlds.nominal_world import build_nominal_world
+from climbplan.climb.simulation.worlds.uncertainty import Uncertainty, build_layout
 from climbplan.errors import UsageError
 from climbplan.mechanics.stiffness import limb_compliance
 from climbplan.robots.kinematics import jacobian_world, standing_inverse, toe_world
@@ -189,6 +195,16 @@ def test_events_are_described_in_words() -> None:
     event = ExecutiveEvent(1.0, 1.0, "touched", 1, 0.012)
     assert describe_event(event, names) == "LF meets its surface 12 mm behind its place"
     assert describe_event(event._replace(kind="stopped", limb=-1), names) == "the robot stops"
+
+
+def test_robots_that_stop_before_their_goal_do_not_fall(planned: Planned) -> None:
+    arrived = ScenarioOutcome(False, 9.0, "", -1, -1, 0.01)
+    stopped = replace(arrived, time=3.0, stopped="RF finds no surface within 30 mm")
+    layout = build_layout(planned(), Uncertainty())
+    risk = RiskEstimate("mujoco", 0, layout, (arrived, stopped, arrived))
+    assert (risk.falls, risk.stops) == (0, 1)
+    assert risk.stands == "stands in 3 of 3 worlds, stops before its goal in 1"
+    assert "  1 of 3 worlds stop before the goal and stand" in format_risk(risk, (), planned())
 
 
 @pytest.mark.merge

@@ -26,7 +26,7 @@ def comparison(torque: Array, planned: Array) -> PlanComparison:
 
 
 def told(compared: PlanComparison) -> str:
-    run = SimpleNamespace(fallen=False, time=np.ones(1))
+    run = SimpleNamespace(fallen=False, time=np.ones(1), execution=None)
     found: Any = SimpleNamespace(run=run, comparison=compared)
     return format_headline(cast("SimulationStudy", found))
 

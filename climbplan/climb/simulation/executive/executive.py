@@ -217,7 +217,7 @@ class ClimbExecutive:
     def _pass_gate(self, gate: Gate) -> None:
         schedule, limbs = self._schedule, gate.limbs
         if self._waited > _LEAST_WAIT:
-            self._report("waited", -1, self._waited)
+            self._note_event("waited", -1, self._waited)
         self._waited = 0.0
         self._next_gate += 1
         if gate.kind == "touch":
@@ -263,7 +263,7 @@ class ClimbExecutive:
 
     def _stop(self, limb: int, reason: str) -> None:
         self.stopped = reason
-        self._report("stopped", limb, 0.0)
+        self._note_event("stopped", limb, 0.0)
         instant = self._stance
         is_unloading = instant != START and not self._plan.instants.contact[instant].all()
         if is_unloading and self._touched.all():  # back to the stance before
@@ -271,7 +271,7 @@ class ClimbExecutive:
             if before is not None:
                 self._change_forces(before.force, self._settings.blend_time)
 
-    def _report(self, kind: EventKind, limb: int, value: float) -> None:
+    def _note_event(self, kind: EventKind, limb: int, value: float) -> None:
         self.events.append(ExecutiveEvent(self.time, self.clock, kind, limb, value))
 
     # Touch-down
@@ -297,7 +297,7 @@ class ClimbExecutive:
         deflection = self._tables.jacobian[index, limb] @ self.contacts.deflection[limb]
         self.contacts.pose.places[limb] = self._landing[limb] + deflection
         depth = -(offset[limb] + deflection) @ schedule.normal[sample, limb]
-        self._report("touched", limb, float(depth))
+        self._note_event("touched", limb, float(depth))
 
     def _start_return(self, gate: Gate) -> None:
         """Let the limbs of a swing return, unless they are nearer to where they go."""
@@ -308,7 +308,7 @@ class ClimbExecutive:
         if self.clock > start + _RETURN_FRACTION * (end - start):
             return
         self._is_returning = True
-        self._report("returned", int(gate.limbs[0]), 0.0)
+        self._note_event("returned", int(gate.limbs[0]), 0.0)
         firmer = self._solve_forces(self._stance)
         if firmer is not None:
             self._change_forces(firmer.force, self._settings.reaction_time)
@@ -365,7 +365,7 @@ class ClimbExecutive:
                 name = self._plan.instants.label(instant, self._plan.robot.limb_names)
             self._stop(-1, f"no forces hold {name} on the friction and load that were measured")
             return
-        self._report("forces", -1, solution.margin_fraction)
+        self._note_event("forces", -1, solution.margin_fraction)
         self._change_forces(solution.force, seconds)
         self._stance = instant
 
@@ -382,7 +382,7 @@ class ClimbExecutive:
     def _react_to_slips(self, index: int) -> None:
         """Return limbs in the air if a toe slips; otherwise press as less friction requires."""
         for limb in self.contacts.find_slips():
-            self._report("slipped", limb, float(self.contacts.pose.errors[limb]))
+            self._note_event("slipped", limb, float(self.contacts.pose.errors[limb]))
             shows_less = self.contacts.notice_slip(limb, index, self.time)
             if self.finished or self._is_returning:
                 continue

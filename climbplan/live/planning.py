@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -204,7 +205,7 @@ class Planner:
         reader.start()
         for line in child.stderr:
             text = line.decode(errors="replace").rstrip()[:_MAX_LINE_LENGTH]
-            self._change(run, lambda text=text: _add_line(run, text))  # type: ignore[misc]
+            self._change(run, partial(_add_line, run, text))
         reader.join()
         child.stdout.close()
         child.stderr.close()

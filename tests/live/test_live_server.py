@@ -172,7 +172,7 @@ def test_specs_are_saved_in_the_folder_alone(live: LiveServer) -> None:
     assert send(live, "save", {"name": "own.yaml", "text": "x", "replace": True})[0] == 200
     outside = live.folder.parent / "outside.yaml"
     (live.folder / "link.yaml").symlink_to(outside)
-    for name in ("../outside.yaml", "/tmp/x.yaml", "link.yaml", "x.txt", ".x.yaml", "a/b.yaml"):
+    for name in ("../outside.yaml", "/outside.yaml", "link.yaml", "x.txt", ".x.yaml", "a/b.yaml"):
         status, answer = send(live, "save", {"name": name, "text": "x", "replace": True})
         assert status == 422, (name, answer)
         assert send(live, f"spec/file/{name}")[0] in (404, 422)

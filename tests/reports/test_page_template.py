@@ -108,8 +108,10 @@ def test_every_page_is_a_child_of_one(name: str) -> None:
     """One head, one style sheet, one table of checks: pages add their own sections."""
     text = (PAGES / name).read_text(encoding="utf-8")
     page_template._load_templates().get_template(name)  # it can be read
+    assert "| safe" not in text
     if name in ("base.html", "parts.html", "inline.html"):  # the last is a replay in a notebook
+        return
+    if name.startswith("live"):  # of `climbplan serve`: an editor, and parts that it inserts
         return
     assert text.startswith('{% extends "base.html" %}')
     assert not {"<head", "<style", "<header", "</main", "Verification"} & set(text.split())
-    assert "| safe" not in text

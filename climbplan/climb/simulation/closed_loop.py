@@ -120,7 +120,8 @@ class ClosedLoopRun(MujocoRun):
     def _record(self, sample: int) -> None:
         """Record the present state as that of a sample, and of samples skipped before it."""
         del self._rows[sample:]
-        row = self._record_sample(sample) | {"elapsed": self.executive.time - SETTLING_TIME}
+        elapsed = max(self.executive.time - SETTLING_TIME, 0.0)
+        row = self._record_sample(sample) | {"elapsed": elapsed}
         self._rows += [row] * (sample + 1 - len(self._rows))
 
     def _build_run(self, fallen: bool, rest_positions: Array) -> RecordedRun:

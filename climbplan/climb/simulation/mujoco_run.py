@@ -49,7 +49,7 @@ class ExecutionRecord:
 
     events: tuple[ExecutiveEvent, ...]
     stopped: str  # why the robot stopped before the end, if it did
-    elapsed: Array  # (S,) since the start, at each sample [s]
+    elapsed: Array  # (S,) since the motion started, at each sample [s]
     step_times: Array  # computing times of steps [s]
 
     @property

@@ -204,7 +204,7 @@ class ClimbExecutive:
                 gate_time -= _BEFORE_TOUCH
             if target < gate_time:
                 break
-            if gate.kind == "unload" or (gate.kind == "lift" and not self.find_obstacle(gate)):
+            if gate.kind == "unload" or (gate.kind == "lift" and not self.find_objection(gate)):
                 self._pass_gate(gate)
                 if self.stopped:
                     return
@@ -254,7 +254,7 @@ class ClimbExecutive:
                 self._search[limb] -= settings.search_speed * seconds * normal
             return
         if self._waited > settings.patience:
-            self._stop(int(gate.limbs[0]), f"no limb can lift: {self.find_obstacle(gate)}")
+            self._stop(int(gate.limbs[0]), f"no limb can lift: {self.find_objection(gate)}")
             return
         for limb in gate.limbs:
             if np.linalg.norm(self.contacts.force[limb]) > self._unloaded_force:
@@ -402,7 +402,7 @@ class ClimbExecutive:
     def _unloaded_force(self) -> float:
         return self._settings.unloaded_force * self.contacts.weight
 
-    def find_obstacle(self, gate: Gate) -> str:
+    def find_objection(self, gate: Gate) -> str:
         """Return why the limbs of a gate must not lift now; "" if they may."""
         settings, schedule, contacts = self._settings, self._schedule, self.contacts
         names = self._plan.robot.limb_names

@@ -241,7 +241,7 @@ def test_problems_that_are_no_programs_are_told() -> None:
             climbplan.Program.from_casadi(nlp, **bounds)  # type: ignore[arg-type]
 
 
-@pytest.mark.slow
+@pytest.mark.merge
 @pytest.mark.parametrize("conic", [False, True])
 def test_twenty_programs_of_the_comparison_with_scip(conic: bool) -> None:
     """Part of `python -m benchmarks conic`, which solves 200."""

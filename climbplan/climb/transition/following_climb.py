@@ -32,7 +32,8 @@ from climbplan.climb.schema.transition import TransitionPostureSpec, TransitionS
 from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.climb.transition.scene import TransitionScene
 from climbplan.errors import NoPlanFound, Remedy, Unresolved
-from climbplan.robots.kinematics import to_body
+from climbplan.robots.kinematics import standing_inverse, to_body
+from climbplan.robots.model import Robot
 
 _TIME_FRACTION = 0.5  # of the time limit, for the climb's postures
 _METHODS = ("micp", "nlp")  # the first whose postures hold is taken
@@ -168,8 +169,18 @@ def join_rounds(first: Rounds, tail: Rounds) -> Rounds:
     )
 
 
-def join_instants(first: Instants, tail: Instants) -> Instants:
-    """Join the instants of both."""
-    return Instants(
+def join_instants(robot: Robot, first: Instants, tail: Instants) -> Instants:
+    """Join the instants of both.
+
+    The last push of the first leads the body to where it waits for the first lift of the tail,
+    which may be shifted off the straight way.
+    """
+    joined = Instants(
         **{name: np.concatenate([value, vars(tail)[name]]) for name, value in vars(first).items()}
     )
+    push, lift = first.count - 1, first.count
+    joined.com[push], joined.rpy[push] = joined.com[lift], joined.rpy[lift]
+    joined.joint_angles[push] = standing_inverse(
+        robot, joined.com[push], joined.rpy[push], joined.toes[push], joined.normal[push]
+    ).best()
+    return joined

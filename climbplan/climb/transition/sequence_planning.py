@@ -184,7 +184,7 @@ def complete_motion(
             raise LimbCollision(collision)
     if run.tail is not None:
         rounds = join_rounds(rounds, run.tail.rounds)
-        instants = join_instants(instants, run.tail.instants)
+        instants = join_instants(scene.robot, instants, run.tail.instants)
     with clock.stage("force"):
         forces = plan_forces(scene, instants)
     with clock.stage("trajectory"):

@@ -13,9 +13,10 @@ import pytest
 
 from climbplan.arrays import IntArray
 from climbplan.climb.check.verification import verify_plan
-from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.plan.climb_plan import ClimbPlan, Instants
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.schema.transition_loading import load_transition
+from climbplan.climb.transition.following_climb import join_instants
 from climbplan.climb.transition.motion import TransitionMotion, plan_motion
 from climbplan.climb.transition.motion_data import (
     build_motion_data,
@@ -30,7 +31,7 @@ from climbplan.climb.transition.stance_forces import SearchTables, solve_stance_
 from climbplan.climb.transition.standing_clearance import compute_standing_clearance
 from climbplan.errors import SpecError, Unresolved
 from climbplan.robots.capsules import limb_capsules
-from climbplan.robots.kinematics import solve_inverse_kinematics, to_body
+from climbplan.robots.kinematics import solve_inverse_kinematics, to_body, toe_world
 from climbplan.robots.self_clearance import compute_limb_clearance, list_clearance_pairs
 
 SPECS = Path(__file__).parents[3] / "specs"
@@ -141,7 +142,7 @@ def plan(spec: Path) -> ClimbPlan:
     return plan_transition(load_transition(spec, [*MISSION, "solver.time_limit=600"]))
 
 
-@pytest.mark.slow
+@pytest.mark.merge
 def test_a_mission_is_verified_from_its_file(plan: ClimbPlan, tmp_path: Path) -> None:
     assert any(text.startswith("assumed of walker: ") for text in plan.warnings)
     write_climb(plan, tmp_path / "plan.h5")
@@ -150,7 +151,24 @@ def test_a_mission_is_verified_from_its_file(plan: ClimbPlan, tmp_path: Path) ->
     assert {"steps.shift", "limbs.self_collision"} <= {c.name for c in verification.checks}
 
 
-@pytest.mark.slow
+@pytest.mark.merge
+def test_a_push_before_a_climb_leads_to_its_first_lift(plan: ClimbPlan) -> None:
+    """The body may wait for it off the straight way, as far as `steps.shift` allows."""
+    count = plan.instants.count // 2
+    first, tail = (
+        Instants(**{name: value[rows].copy() for name, value in vars(plan.instants).items()})
+        for rows in (slice(count), slice(count, None))
+    )
+    tail.com[0] += [0.005, -0.003, 0.0]
+    push = count - 1
+    joined = join_instants(plan.robot, first, tail)
+    np.testing.assert_array_equal(joined.com[push], tail.com[0])
+    toes = toe_world(plan.robot, joined.com, joined.rpy, joined.joint_angles)
+    standing = joined.contact[push]
+    np.testing.assert_allclose(toes[push, standing], first.toes[push, standing], atol=1e-7)
+
+
+@pytest.mark.merge
 def test_a_shift_beyond_its_bound_is_caught(plan: ClimbPlan) -> None:
     limits = replace(plan.limits, shift_max=0.01)
     failed = {c.name for c in verify_plan(replace(plan, limits=limits)).checks if not c.passed}

@@ -58,6 +58,29 @@ def exact(statement: ForceStatement) -> SolvedForces:
     return solve_forces(statement, "clarabel", 16)
 
 
+@pytest.mark.parametrize("garbage", [np.nan, np.inf, 1e200])
+def test_numbers_of_a_solver_that_gives_up_are_no_forces(
+    statement: ForceStatement,
+    exact: SolvedForces,
+    monkeypatch: pytest.MonkeyPatch,
+    garbage: float,
+) -> None:
+    solve_by_daqp = forces_module.SOLVERS["daqp"]
+
+    def give_up(group: ReducedForces, facets: int) -> forces_module._Answers:
+        answers = solve_by_daqp(group, facets)
+        force = answers.force.copy()
+        force[0] = garbage
+        return replace(answers, force=force)
+
+    monkeypatch.setitem(forces_module.SOLVERS, "daqp", give_up)
+    solution = solve_forces(statement, "daqp", 16)
+    assert solution.num_resolved >= 1
+    assert not len(solution.missing)
+    optimum = compute_objective(statement, exact.force)
+    np.testing.assert_allclose(compute_objective(statement, solution.force), optimum, rtol=PYRAMID)
+
+
 @pytest.mark.parametrize("solver", ["daqp", "clarabel", "osqp"])
 def test_planned_forces_hold_every_constraint(
     demo_scene: ClimbScene, demo_instants: Instants, solver: str

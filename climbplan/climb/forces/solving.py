@@ -23,6 +23,7 @@ from climbplan.climb.forces.statement import RESIDUAL_LIMIT, ForceStatement, che
 from climbplan.errors import UsageError
 
 _MAX_CUT_ROUNDS = 8  # times an instant is solved again with new restrictions
+_LARGEST_FORCE = 1e9  # [N] what exceeds it is no answer
 
 _log = logging.getLogger(__name__)
 
@@ -152,6 +153,12 @@ def _solve_constrained(
 def _store_answers(
     group: ReducedForces, answers: _Answers, force: Array, solved: BoolArray
 ) -> None:
-    """Write the answers of a group into the arrays of all instants."""
-    force[group.instant[:, None], group.limb] = answers.force
-    solved[group.instant] = answers.solved
+    """Write the answers of a group into the arrays of all instants.
+
+    A solver that gives up may leave anything in its variables, numbers that are not finite
+    included; instants that it has not solved are stored with zero forces.
+    """
+    is_solved = answers.solved & (np.abs(answers.force) < _LARGEST_FORCE).all(axis=(1, 2))
+    answer = np.where(is_solved[:, None, None], answers.force, 0.0)
+    force[group.instant[:, None], group.limb] = answer
+    solved[group.instant] = is_solved

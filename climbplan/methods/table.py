@@ -38,6 +38,7 @@ from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.mixed_integer.cost import Unbounded
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import SolverResult
+from climbplan.solvers.separable_cost import NotConvexCost, describe_nonconvexity, is_convex
 
 METHODS: tuple[Method, ...] = get_args(Method)
 NEEDS_LIBRARY = ("knn",)
@@ -45,6 +46,7 @@ LEARNED = (*NEEDS_LIBRARY, *NEEDS_MODEL)
 _BEYOND_BINARIES = frozenset({"cones", "integers beyond 0 and 1"})
 _LINEAR = frozenset({"integers", "integers beyond 0 and 1"})  # of programs that HiGHS takes whole
 _CONIC_METHODS = ("branch-and-bound", "minlp-scip")  # hold these two features
+_GENERAL_COSTS = ("minlp-scip", "minlp-bonmin", "nlp", "mpcc")  # hold costs that are not convex
 _MAX_LINEAR_INTEGERS = 30  # from which on HiGHS, with its cuts, solves linear programs faster
 _MAX_PRODUCTS = 50  # largest number of products for which `auto` selects the built-in tree
 
@@ -82,8 +84,8 @@ def solve_instance(
         kept: Cache for all instances of one problem, method and settings.
 
     Raises:
-        UsageError: Parameters do not fit, a method or solver is unknown, a library is missing, or
-            bounds are missing that the method needs.
+        UsageError: Parameters do not fit, a method or solver is unknown, a library is missing,
+            bounds are missing that the method needs, or the cost is not convex.
         StatementError: The statement itself is wrong.
         MissingSolver: A solver is not installed.
     """
@@ -92,18 +94,12 @@ def solve_instance(
     settings = settings or MethodSettings()
     instance = problem.instance(theta)
     is_automatic = method == "auto"
-    if method == "auto":
-        method = _select_method(instance, settings)
+    method = _select_method(instance, settings) if is_automatic else method
+    if method not in _GENERAL_COSTS and not is_convex(instance.P):
+        raise NotConvexCost(describe_nonconvexity(instance.name))
     if settings.certificate and method != "branch-and-bound":
         raise UsageError(f"a certificate is made by method branch-and-bound, not by {method!r}")
-    beyond = instance.features & _BEYOND_BINARIES
-    if method == "mccormick" and instance.features <= _LINEAR:
-        beyond = frozenset()
-    if beyond and method not in _CONIC_METHODS:
-        raise UsageError(
-            f"method {method!r} holds no {' and no '.join(sorted(beyond))}: use "
-            + " or ".join(_CONIC_METHODS)
-        )
+    _check_features(instance, method)
     begin = time.perf_counter()
     task = Task(problem, theta, instance, settings, begin, kept or SharedCache())
     if is_automatic and method == "branch-and-bound":
@@ -125,12 +121,27 @@ def solve_instance(
     )
 
 
+def _check_features(instance: Instance, method: Method) -> None:
+    """Raise UsageError for cones and integers that the method does not hold."""
+    beyond = instance.features & _BEYOND_BINARIES
+    if method == "mccormick" and instance.features <= _LINEAR:
+        beyond = frozenset()
+    if beyond and method not in _CONIC_METHODS:
+        raise UsageError(
+            f"method {method!r} holds no {' and no '.join(sorted(beyond))}: use "
+            + " or ".join(_CONIC_METHODS)
+        )
+
+
 def _select_method(instance: Instance, settings: MethodSettings) -> Method:
     """Select the built-in tree where it supports the statement and no other solver is required.
 
     `mccormick` is selected for more products than the tree, whose matrices are dense, solves fast,
-    and for mixed-integer linear programs, which HiGHS then solves.
+    and for mixed-integer linear programs, which HiGHS then solves. SCIP alone bounds costs that are
+    not convex.
     """
+    if not is_convex(instance.P):
+        return "minlp-scip"
     uses_tree = instance.features <= require("branch-and-bound").accepts and settings.solver is None
     uses_tree = uses_tree and instance.products.count <= _MAX_PRODUCTS
     is_linear = instance.features <= _LINEAR and not instance.P.count_nonzero()

@@ -13,6 +13,7 @@ from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.registry import require
+from climbplan.solvers.separable_cost import is_convex
 
 SUFFIXES = (".lp", ".mps", ".cip", ".nl")
 _SCIP_CONVEX = frozenset({"balls", "choices"})
@@ -56,7 +57,7 @@ def save_model(instance: Instance, path: Path) -> None:
         ]
         names = [f"x{i}" for i in range(instance.size)] + alternatives
         write_mps(form.instance, names, path)
-    elif features <= _SCIP_CONVEX:
+    elif features <= _SCIP_CONVEX and is_convex(instance.P):
         require("scip")
         from climbplan.solvers.scip.model import build_convex_model
 

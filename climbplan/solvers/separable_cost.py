@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,10 +10,16 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from climbplan.arrays import Array, IntArray
+from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 
 _FLAT = 1e-12
 _ZERO = 1e-12
+_ROUNDING = 1e-10  # negative curvature that rounding leaves, relative to the largest
+
+
+class NotConvexCost(UsageError):
+    """A cost with negative curvature, where a convex one is needed."""
 
 
 @dataclass(frozen=True)
@@ -29,28 +36,44 @@ class SeparableCost:
         return np.asarray(self.U @ x + self.offset)
 
 
+def is_convex(P: sparse.spmatrix) -> bool:
+    """Return whether a symmetric matrix has no negative eigenvalue, but for rounding."""
+    diagonal = P.diagonal()
+    if (diagonal < 0.0).any():
+        return False
+    if P.count_nonzero() == np.count_nonzero(diagonal):
+        return True
+    for index, H in _iterate_blocks(sparse.csr_matrix(P)):
+        try:
+            np.linalg.cholesky(H + _compute_rounding(H) * np.eye(len(index)))
+        except np.linalg.LinAlgError:
+            return False
+    return True
+
+
 def factor_cost(instance: Instance) -> SeparableCost:
-    """Factor 1/2 x'Px + q'x for each block of variables that P couples."""
+    """Factor 1/2 x'Px + q'x for each block of variables that P couples.
+
+    Raises:
+        NotConvexCost: P has a negative eigenvalue.
+    """
     n = instance.size
-    P = sparse.csr_matrix(instance.P)
-    P.eliminate_zeros()
     slope, constant = instance.q.copy(), instance.constant
-    curved = np.flatnonzero(np.diff(P.indptr))
     row: list[IntArray] = []
     column: list[IntArray] = []
     value: list[Array] = []
     offsets: list[Array] = []
     count = 0
-    num_blocks, label = connected_components(P[curved][:, curved], directed=False)
-    for block in range(num_blocks):
-        index = curved[label == block]
-        H, g = P[index][:, index].toarray(), instance.q[index]
+    for index, H in _iterate_blocks(sparse.csr_matrix(instance.P)):
+        g = instance.q[index]
         try:
             factor = np.linalg.cholesky(H).T
             offset = np.linalg.solve(factor.T, g)
             slope[index] = 0.0
         except np.linalg.LinAlgError:
             size, vector = np.linalg.eigh(H)
+            if size[0] < -_compute_rounding(H):
+                raise NotConvexCost(describe_nonconvexity(instance.name, float(size[0]))) from None
             steep = size > _FLAT * max(1.0, float(size.max()))
             factor = np.sqrt(size[steep])[:, None] * vector[:, steep].T
             offset = (vector[:, steep].T @ g) / np.sqrt(size[steep])
@@ -68,3 +91,27 @@ def factor_cost(instance: Instance) -> SeparableCost:
     positions = (np.concatenate(row), np.concatenate(column))
     U = sparse.csr_matrix((np.concatenate(value), positions), shape=(count, n))
     return SeparableCost(U, np.concatenate(offsets), slope, constant)
+
+
+def describe_nonconvexity(name: str, curvature: float | None = None) -> str:
+    """Return what is wrong with a cost that is not convex, and what to do."""
+    reason = "" if curvature is None else f": its Hessian has the eigenvalue {curvature:.3g}"
+    return (
+        f"{name}: the cost is not convex{reason}. State it as a row, cost - t <= 0, and minimise "
+        "the new variable t, or use method minlp-scip"
+    )
+
+
+def _compute_rounding(H: Array) -> float:
+    """Return the negative curvature that counts as rounding."""
+    return _ROUNDING * float(np.abs(H).sum(axis=1).max())
+
+
+def _iterate_blocks(P: sparse.csr_matrix) -> Iterator[tuple[IntArray, Array]]:
+    """Yield the variables of each block that P couples, and its dense matrix."""
+    P.eliminate_zeros()
+    curved = np.flatnonzero(np.diff(P.indptr))
+    num_blocks, label = connected_components(P[curved][:, curved], directed=False)
+    for block in range(num_blocks):
+        index = curved[label == block]
+        yield index, P[index][:, index].toarray()

@@ -9,11 +9,20 @@ import casadi as ca
 import numpy as np
 import pyscipopt
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+from scipy import sparse
 
 from climbplan.errors import UsageError
+from climbplan.methods.table import solve_instance
 from climbplan.program import Instance, Polytope, Program
+from climbplan.program.problem import Problem
+from climbplan.solvers.highs.instances import solve_highs
+from climbplan.solvers.mixed_integer.method import solve_mixed_integer
 from climbplan.solvers.model_file import save_model
 from climbplan.solvers.scip.bilinear import solve_minlp_scip
+from climbplan.solvers.separable_cost import NotConvexCost, factor_cost, is_convex
 
 
 def switched(bilinear: bool, choice: bool = False) -> Instance:
@@ -52,6 +61,49 @@ def test_read_back(tmp_path: Path, suffix: str, bilinear: bool, choice: bool) ->
     path = tmp_path / f"model{suffix}"
     save_model(instance, path)
     assert optimum(path) == pytest.approx(exact.objective, abs=1e-4)
+
+
+def saddle(integers: bool) -> Program:
+    """Minimise x y + 0.1 x over a box, least at (-1, 2), with an integer offset on request."""
+    p = Program("saddle")
+    x = p.continuous("x", (2,), -1.0, 2.0)
+    z = p.binary("z", (1,))[0] if integers else 0.0
+    p.between("row", x[0] + x[1] + z, -1.0, 3.0)
+    p.minimise("cost", x[0] * x[1] + 0.1 * x[0] + z)
+    return p
+
+
+@pytest.mark.parametrize("suffix", [".lp", ".mps", ".cip", ".nl"])
+@pytest.mark.parametrize("integers", [False, True])
+def test_negative_curvature_is_written(tmp_path: Path, suffix: str, integers: bool) -> None:
+    path = tmp_path / f"model{suffix}"
+    save_model(saddle(integers).instantiate(), path)
+    assert optimum(path) == pytest.approx(-2.1, abs=1e-4)
+
+
+def test_negative_curvature_is_solved_or_refused() -> None:
+    """SCIP holds it, and so does `auto`; backends that need a convex cost say so."""
+    instance = saddle(integers=True).instantiate()
+    for solve in (solve_highs, solve_mixed_integer, factor_cost):
+        with pytest.raises(NotConvexCost, match="not convex"):
+            solve(instance)
+    problem = Problem("saddle", saddle(integers=True))
+    exact = solve_instance(problem, {}).result
+    assert exact.status == "optimal"
+    assert exact.objective == pytest.approx(-2.1, abs=1e-4)
+    assert exact.bound <= exact.objective
+    for method in ("branch-and-bound", "mccormick", "pinned"):
+        with pytest.raises(NotConvexCost, match="minlp-scip"):
+            solve_instance(problem, {}, method)
+
+
+@given(hnp.arrays(float, (3, 2), elements=st.floats(-2.0, 2.0)), st.floats(0.0, 1.0))
+def test_convexity_is_recognised(rows: Any, deficit: float) -> None:
+    """F'F is convex whatever its rank; less a multiple of the identity it is not."""
+    H = rows.T @ rows
+    assert is_convex(sparse.csc_matrix(H))
+    shift = float(np.linalg.eigvalsh(H)[0]) + 1e-3 * (1.0 + deficit)
+    assert not is_convex(sparse.csc_matrix(H - shift * np.eye(2)))
 
 
 def test_a_plain_form_needs_no_extension_of_the_format(tmp_path: Path) -> None:

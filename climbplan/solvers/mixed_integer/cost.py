@@ -15,6 +15,7 @@ from climbplan.arrays import Array, BoolArray
 from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.row_stack import Coordinates
+from climbplan.solvers.separable_cost import NotConvexCost, describe_nonconvexity, is_convex
 
 _PROXIMAL = 1e-6  # of the cost's own curvature over the box
 _FLAT = 1e-11  # pivot of the Hessian below which a direction is flat, relative
@@ -42,6 +43,7 @@ def build_cost(instance: Instance, space: Coordinates) -> Cost:
 
     Raises:
         Unbounded: A direction without cost is not bounded.
+        NotConvexCost: The cost has negative curvature.
     """
     n, k = instance.size, space.X.shape[1]
     P, q = instance.P, instance.q
@@ -64,6 +66,8 @@ def build_cost(instance: Instance, space: Coordinates) -> Cost:
     center = np.zeros(k)
     center[bounded] = 0.5 * (low[bounded] + high[bounded])
     L = _factor(H + np.diag(eps), bounded)
+    if L is None and not is_convex(P):
+        raise NotConvexCost(describe_nonconvexity(instance.name))
     if L is None:
         raise Unbounded(
             f"{instance.name}: a direction without cost is not bounded, which branch-and-bound "

@@ -25,7 +25,7 @@ from climbplan.solvers.mixed_integer_form import build_mixed_integer_form
 from climbplan.solvers.result import SolverResult, judge_answer
 from climbplan.solvers.scip.model import ScipModel, convert_bound
 from climbplan.solvers.scip.run import read_answer, read_values, run_model
-from climbplan.solvers.separable_cost import factor_cost
+from climbplan.solvers.separable_cost import factor_cost, is_convex
 from climbplan.solvers.tree.repair import repair_point
 
 NAME = "minlp-scip"
@@ -104,7 +104,10 @@ def save_bilinear_model(instance: Instance, path: Path) -> None:
 
 
 def build_bilinear_model(instance: Instance) -> ScipModel:
-    """Build a model with variables x0 ..., w0 ... for products, and an epigraph for each square."""
+    """Build a model with variables x0 ..., w0 ... for products, and an epigraph for each square.
+
+    A cost that is not convex has one epigraph.
+    """
     box = propagate_box(instance)
     scip = ScipModel.create(instance, instance.lower, instance.upper)
     model, x, products = scip.model, scip.x, instance.products
@@ -112,7 +115,10 @@ def build_bilinear_model(instance: Instance) -> ScipModel:
         scip.w.append(model.addVar(f"w{k}", lb=convert_bound(low), ub=convert_bound(high)))
     for k, (i, j) in enumerate(zip(products.first, products.second, strict=True)):
         model.addCons(x[i] * x[j] - scip.w[k] == 0, f"product{k}")
-    scip.set_cost(factor_cost(instance), box)
+    if is_convex(instance.P):
+        scip.set_cost(factor_cost(instance), box)
+    else:
+        scip.set_general_cost(instance)
     scip.add_rows(instance)
     scip.add_balls(instance)
     _add_implications(scip, instance)

@@ -90,6 +90,21 @@ class ScipModel:
         self.model.setObjective(pyscipopt.quicksum(terms))
         self.model.addObjoffset(cost.constant)
 
+    def set_general_cost(self, instance: Instance) -> None:
+        """Set a cost that is not convex: the least t with 1/2 x'Px + q'x <= t."""
+        P, x = sparse.triu(instance.P).tocoo(), self.x
+        weights = np.where(P.row == P.col, 0.5, 1.0) * P.data
+        terms = [
+            float(weight) * x[i] * x[j]
+            for weight, i, j in zip(weights, P.row, P.col, strict=True)
+            if weight
+        ]
+        linear = self.build_affine(sparse.csr_matrix(instance.q))
+        height = self.model.addVar("cost", lb=None)
+        self.model.addCons(pyscipopt.quicksum(terms) + linear - height <= 0, "cost_is")
+        self.model.setObjective(1.0 * height)
+        self.model.addObjoffset(instance.constant)
+
     def add_balls(self, instance: Instance) -> None:
         """Add second-order cones, those of constant radius scaled to 1 for the same tolerance."""
         for b, balls in enumerate(instance.balls):

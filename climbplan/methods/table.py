@@ -35,6 +35,7 @@ from climbplan.methods.whole_methods import (
 )
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem, Theta
+from climbplan.solvers.mixed_integer.cone_rows import state_cones
 from climbplan.solvers.mixed_integer.cost import Unbounded
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import SolverResult
@@ -143,7 +144,8 @@ def _select_method(instance: Instance, settings: MethodSettings) -> Method:
     if not is_convex(instance.P):
         return "minlp-scip"
     uses_tree = instance.features <= require("branch-and-bound").accepts and settings.solver is None
-    uses_tree = uses_tree and instance.products.count <= _MAX_PRODUCTS
+    if uses_tree and instance.products.count > _MAX_PRODUCTS:
+        uses_tree = state_cones(instance).products.count <= _MAX_PRODUCTS
     is_linear = instance.features <= _LINEAR and not instance.P.count_nonzero()
     if is_linear and instance.binary_count > _MAX_LINEAR_INTEGERS and not settings.certificate:
         uses_tree = False

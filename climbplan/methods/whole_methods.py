@@ -25,6 +25,7 @@ from climbplan.solvers.admm import solve_admm
 from climbplan.solvers.benders.method import solve_benders
 from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
+from climbplan.solvers.mixed_integer.cone_rows import state_cones
 from climbplan.solvers.mixed_integer.method import WarmStartedTree
 from climbplan.solvers.mixed_integer.spatial_method import WarmStartedSpatialTree
 from climbplan.solvers.registry import require
@@ -35,7 +36,7 @@ _TREE: Method = "branch-and-bound"
 
 
 def solve_by_tree(task: Task) -> Outcome:
-    """Solve by the built-in tree; products of variables are branched on in space.
+    """Solve by the built-in tree; products are branched on in space, unless rows are cones.
 
     Integers of a library, model or strategy are proposed to it first.
     """
@@ -54,9 +55,12 @@ def solve_by_tree(task: Task) -> Outcome:
         return Outcome(result, "own tree", 1, certificate=tree.certificate)
     sources = settings.library, settings.model, settings.strategy
     proposals = task.find_neighbours(name) if any(source is not None for source in sources) else ()
+    stated = state_cones(task.instance)
     result = solve_branch_and_bound(
-        task.instance, settings.gap, task.time_left, settings.tolerance, proposals=proposals
+        stated, settings.gap, task.time_left, settings.tolerance, proposals=proposals
     )
+    if stated is not task.instance and result.x is not None:
+        result = _judge_as_stated(task, result)
     return Outcome(result, "own tree", 1 + len(proposals))
 
 
@@ -219,6 +223,25 @@ def solve_by_admm(task: Task) -> Outcome:
     )
     best = "" if answer.best is None else f"iteration {answer.best + 1}"
     return Outcome(answer.result, best, len(answer.steps))
+
+
+def _judge_as_stated(task: Task, result: SolverResult) -> SolverResult:
+    """Judge a result of the cones by the rows as stated, polished where these hold less well."""
+    settings = task.settings
+    assert result.x is not None
+    if task.instance.violation(result.x, result.assignment) > settings.tolerance:
+        return _polish(task, result)
+    answer = Answer(
+        x=result.x,
+        bound=result.bound,
+        infeasible=False,
+        nodes=result.nodes,
+        time=result.time,
+        solver=result.solver,
+        log=result.log,
+        assignment=result.assignment,
+    )
+    return judge_answer(task.instance, answer, settings.gap, settings.tolerance)
 
 
 def _polish(task: Task, result: SolverResult) -> SolverResult:

@@ -67,7 +67,7 @@ def factor_cost(instance: Instance) -> SeparableCost:
     for index, H in _iterate_blocks(sparse.csr_matrix(instance.P)):
         g = instance.q[index]
         try:
-            factor = np.linalg.cholesky(H).T
+            factor = np.asarray(np.linalg.cholesky(H).T, np.float64)
             offset = np.linalg.solve(factor.T, g)
             slope[index] = 0.0
         except np.linalg.LinAlgError:

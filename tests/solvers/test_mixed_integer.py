@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,8 +17,12 @@ from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
 from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, solve_least_distance
+from climbplan.solvers.mixed_integer.indicator_form import build_indicator_form
 from climbplan.solvers.mixed_integer.leaf_cover import build_horizon_shift
 from climbplan.solvers.mixed_integer.method import WarmStartedTree, solve_mixed_integer
+from climbplan.solvers.mixed_integer.presolve import build_mixed_integer_program
+from climbplan.solvers.mixed_integer.problem_data import MixedIntegerProgram
+from climbplan.solvers.mixed_integer.tree_run import TreeRun
 from climbplan.solvers.mixed_integer.working_set import WorkingSetRows, allocate_working_set
 from climbplan.solvers.registry import solve
 
@@ -347,3 +352,27 @@ def test_rays_of_rounding_errors_prove_no_bound() -> None:
     assert solve_mixed_integer(instance, gap=1e-6, time_limit=60.0).bound <= instance.objective(
         point
     )
+
+
+def test_arrays_of_rows_grow_together() -> None:
+    """Compiled code checks no index, so that one short array corrupts memory."""
+    instance = random_program(0).instantiate({})
+    program = build_mixed_integer_program(instance, build_indicator_form(instance), np.inf)
+    assert isinstance(program, MixedIntegerProgram)
+    run = TreeRun.create(program, 1e-4, 1e-6)
+    rows = len(run.search.rows.enabled)
+    before = _collect_lengths(run.search, rows)
+    assert {"shift", "base_lower", "direction", "rows.lower", "main.active"} <= set(before)
+    run._double_rows()
+    assert set(_collect_lengths(run.search, 2 * rows)) == set(before)
+
+
+def _collect_lengths(search: Any, length: int, prefix: str = "") -> list[str]:
+    """Return the names of arrays of which one side has a length."""
+    names = []
+    for name, value in search._asdict().items():
+        if isinstance(value, np.ndarray) and length in value.shape:
+            names.append(prefix + name)
+        elif hasattr(value, "_asdict"):
+            names += _collect_lengths(value, length, f"{name}.")
+    return names

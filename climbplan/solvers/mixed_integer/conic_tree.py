@@ -29,6 +29,7 @@ _ROUNDS = 3  # of propagation at a node
 _ABSOLUTE = 5e-8  # gap that is enough whatever the cost: dual values are no more accurate
 _PRUNE = 0.5  # fraction of the gap at which nodes are pruned
 _HEURISTIC = 10  # nodes between roundings of a relaxation's integers
+_DIVE = 50  # nodes without an incumbent before the first dive for one, doubled after each
 _SMALLEST_GAIN = 1e-6
 _MAX_INTEGER = 1e9  # integers beyond are not branched on
 
@@ -100,6 +101,7 @@ class ConicTree:
         self._numbers = count()
         self._pruned_bound = np.inf  # least bound of nodes that were pruned by the gap
         self._tried: set[bytes] = set()
+        self._next_dive = _DIVE
         shape = (2, instance.size)
         self._costs = _PseudoCosts(np.zeros(shape), np.zeros(shape))
 
@@ -130,6 +132,9 @@ class ConicTree:
                 return
             if node is None:
                 node = heapq.heappop(self._open)
+            if self.incumbent is None and self.num_nodes >= self._next_dive:
+                self._dive(node, deadline)
+                self._next_dive = 2 * self.num_nodes
             node = self._branch(node)
             bound = self.bound_with(node)
             report_search(self.cost, bound)
@@ -138,6 +143,36 @@ class ConicTree:
                     heapq.heappush(self._open, node)
                 break
         self.is_finished = True
+
+    def _dive(self, node: _ConicNode, deadline: float) -> None:
+        """Look for an incumbent: raise the integer that is nearest to the one above, and go on.
+
+        Binaries of which one has to be 1 are so decided one group at a time. Where a child is empty
+        the integer is kept below instead, once in a row.
+        """
+        lower, upper, x = node.lower.copy(), node.upper.copy(), node.x
+        while self.incumbent is None and time.perf_counter() < deadline:
+            integers = self._integers[lower[self._integers] < upper[self._integers]]
+            fraction = x[integers] - np.floor(x[integers])
+            fraction[(fraction < _INTEGRAL) | (fraction > 1.0 - _INTEGRAL)] = 0.0
+            if not fraction.any():
+                self._complete(x, lower, upper)
+                return
+            j = int(integers[np.argmax(fraction)])
+            above, below = lower.copy(), upper.copy()
+            above[j], below[j] = np.floor(x[j]) + 1.0, np.floor(x[j])
+            child = self._solve_box(above, upper) or self._solve_box(lower, below)
+            if child is None:
+                return
+            lower, upper, x = child
+
+    def _solve_box(self, lower: Array, upper: Array) -> tuple[Array, Array, Array] | None:
+        """Return the tightened box of a child and its relaxation's solution; None if empty."""
+        box = self._propagate(lower.copy(), upper.copy())
+        if box is None:
+            return None
+        solution = self._solve(*box)
+        return (*box, solution.x) if solution.status == "solved" else None
 
     def bound_with(self, node: _ConicNode | None) -> float:
         """Return the bound with a node that is not in the heap."""

@@ -154,6 +154,7 @@ class TreeRun:
             offset=_extend(s.offset, 0, m),
             tangent_to=_extend(s.tangent_to, 0, m),
             direction=_extend(s.direction, 0, m),
+            shift=_extend(s.shift, 0, m),
         )
 
     def propose(self, integers: IntArray) -> None:

@@ -1,0 +1,137 @@
+"""Rows with products that are cones: the same points as the rows, the same optima as SCIP's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from climbplan.methods.table import solve_instance
+from climbplan.methods.task import MethodSettings
+from climbplan.program import Problem, Program
+from climbplan.solvers.mixed_integer.cone_rows import state_cones
+
+Row = Callable[[Program, Any], None]
+GAP = 1e-4
+
+
+def state_hyperbola(p: Program, x: Any) -> None:
+    p.between("area", np.array([x[0] * x[1]]), 2.0, np.inf)
+
+
+def state_shifted_hyperbola(p: Program, x: Any) -> None:
+    """(x0 + x2) (x1 - 0.5) >= 1, in which x2 is no factor of its own."""
+    p.between("area", np.array([x[0] * x[1] + x[2] * x[1] - 0.5 * x[0] - 0.5 * x[2]]), 1.0, np.inf)
+
+
+def state_parabola(p: Program, x: Any) -> None:
+    p.between(
+        "square", np.array([x[0] * x[0] + x[0] * x[1] + x[1] * x[1] - 3.0 * x[2]]), -np.inf, 0.0
+    )
+
+
+def state_queue(p: Program, x: Any) -> None:
+    """The row is a cone for x2 <= x0 alone."""
+    p.between("order", np.array([x[2] - x[0]]), -np.inf, 0.0)
+    p.between("queue", np.array([x[2] * x[0] + x[2] * x[1] - x[0] * x[1]]), -np.inf, 0.0)
+
+
+def build(row: Row, lower: float = 0.0, upper: float = 4.0) -> Program:
+    p = Program("rows")
+    row(p, p.continuous("x", (3,), lower, upper))
+    p.minimise("cost", 0.0)
+    return p
+
+
+@pytest.mark.parametrize(
+    "row", [state_hyperbola, state_shifted_hyperbola, state_parabola, state_queue]
+)
+def test_cones_hold_where_rows_hold(row: Row) -> None:
+    instance = build(row, 0.5).instantiate()
+    stated = state_cones(instance)
+    assert not stated.products.count
+    assert "cones" in stated.features
+    for x in np.random.default_rng(0).uniform(0.5, 4.0, (2000, 3)):
+        by_row, by_cone = instance.violation(x), stated.violation(x)
+        assert (by_row <= 1e-9) == (by_cone <= 1e-9)
+        assert by_row <= 4.0 * by_cone + 1e-9  # so that a tolerance means the same
+
+
+@pytest.mark.parametrize("lower", [-1.0, -4.0])
+def test_rows_that_are_no_cones_stay(lower: float) -> None:
+    """Factors of both signs allow both branches of a hyperbola."""
+    instance = build(state_hyperbola, lower).instantiate()
+    assert state_cones(instance) is instance
+
+
+def test_sides_that_are_not_convex_stay() -> None:
+    p = Program("below")
+    x = p.continuous("x", (2,), 0.0, 4.0)
+    p.between("below", np.array([x[0] * x[1]]), -np.inf, 2.0)
+    p.between("both", np.array([x[0] * x[1]]), 1.0, 2.0)
+    p.minimise("cost", 0.0)
+    instance = p.instantiate()
+    assert state_cones(instance) is instance
+
+
+def build_queues(seed: int) -> Problem:
+    """Choose a server for each of some demands; waiting times have no bounds."""
+    rng = np.random.default_rng(seed)
+    p = Program(f"queues{seed}")
+    num_servers, num_demands = 2, 3
+    served = p.binary("served", (num_demands, num_servers))
+    opened = p.binary("opened", (num_servers,))
+    wait, load = (
+        p.continuous("wait", (num_servers,), 0.0),
+        p.continuous("load", (num_servers,), 0.0),
+    )
+    weight = rng.uniform(0.1, 0.3, num_demands)
+    p.exactly_one("one", served)
+    p.equal("load is", load - weight @ served)
+    p.between("open", load - opened, -np.inf, 0.0)
+    p.between("queue", load * opened + load * wait - opened * wait, -np.inf, 0.0)
+    distance = rng.uniform(0.0, 2.0, (num_demands, num_servers))
+    p.minimise("cost", np.sum(distance * served) + np.sum(wait) + 0.3 * np.sum(opened))
+    return Problem(p.name, p)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_factors_without_bounds_agree_with_scip(seed: int) -> None:
+    problem = build_queues(seed)
+    settings = MethodSettings(gap=GAP, time_limit=60.0)
+    ours = solve_instance(problem, {}, "auto", settings).result
+    scip = solve_instance(problem, {}, "minlp-scip", settings).result
+    assert ours.status == scip.status == "optimal"
+    assert ours.objective is not None
+    assert scip.objective is not None
+    assert ours.objective == pytest.approx(scip.objective, rel=1e-4)
+    assert ours.bound <= scip.objective * (1.0 + 1e-5)
+
+
+def build_mixed(seed: int) -> Problem:
+    """A hyperboloid, a product that is no cone, and a switch."""
+    rng = np.random.default_rng([seed, 3])
+    p = Program(f"mixed{seed}")
+    x, z = p.continuous("x", (3,), 0.2, 4.0), p.binary("z", (2,))
+    p.between("cone", np.array([x[0] * x[1] - 0.5 * x[2] * x[2]]), 1.0, np.inf)
+    p.between("product", np.array([x[1] * x[2] - x[0]]), -0.5, 0.8)
+    p.between("switch", np.array([z[0] + z[1] + 0.2 * x[0]]), 1.0, 2.0)
+    p.minimise("cost", np.sum((x - rng.uniform(0.0, 4.0, 3)) ** 2) + rng.uniform(-1, 1, 2) @ z)
+    return Problem(p.name, p)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_cones_beside_products_agree_with_scip(seed: int) -> None:
+    problem = build_mixed(seed)
+    stated = state_cones(problem.instance({}))
+    assert stated.features >= {"cones", "products"}
+    settings = MethodSettings(gap=GAP, time_limit=60.0)
+    ours = solve_instance(problem, {}, "branch-and-bound", settings).result
+    scip = solve_instance(problem, {}, "minlp-scip", settings).result
+    assert ours.status == scip.status == "optimal"
+    assert ours.objective is not None
+    assert scip.objective is not None
+    assert ours.objective == pytest.approx(scip.objective, rel=1e-4, abs=1e-5)
+    assert ours.bound <= scip.objective + 1e-5 * (1.0 + abs(scip.objective))

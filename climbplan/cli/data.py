@@ -36,6 +36,7 @@ def info(
     files: Files, as_json: Json = False, quiet: Quiet = False, verbose: Verbose = False
 ) -> None:
     """Print rows, outcomes, costs, times and reasons of failures."""
+    from climbplan.datasets.motions.statistics import build_motion_values, format_motion_counts
     from climbplan.reports.report_files import replace_non_finite
     from climbplan.store.dataset_statistics import compute_statistics, format_statistics
 
@@ -44,14 +45,17 @@ def info(
         print_json(
             {
                 "datasets": [
-                    replace_non_finite({"file": str(p), **compute_statistics(d)})
+                    replace_non_finite(
+                        {"file": str(p), **compute_statistics(d), "motions": build_motion_values(d)}
+                    )
                     for p, d in datasets
                 ]
             }
         )
         return
     for path, dataset in datasets:
-        print_result("\n".join([str(path), *format_statistics(dataset)]))
+        lines = [str(path), *format_statistics(dataset), *format_motion_counts(dataset)]
+        print_result("\n".join(lines))
 
 
 @data.command()
@@ -73,7 +77,10 @@ def merge(
     from climbplan.store.dataset_file import write_dataset_file
 
     _require_place(out, force)
-    done = merged([(str(path), _read(path)) for path in map(find_plan, files)], drop_duplicates)
+    done = merged(
+        [(str(path), _read(path).move(path.parent, out.parent)) for path in map(find_plan, files)],
+        drop_duplicates,
+    )
     if done.dropped:
         warn(f"{done.dropped} rows left out: an earlier row holds the same problem")
     write_dataset_file(done.data, out)
@@ -130,6 +137,7 @@ def split(
         target = path if out is None else out
         if target.resolve() != path.resolve():
             _require_place(target, force)
+        dataset = dataset.move(path.parent, target.parent)
         write_dataset_file(replace(dataset, train=masks.train, test=masks.test), target)
         print_result(str(target))
         return
@@ -137,6 +145,7 @@ def split(
     _make(files)
     for target in targets:
         _require_place(target, force)
+    dataset = dataset.move(path.parent, files)
     for target, mask in targets.items():
         write_dataset_file(dataset.rows(mask.nonzero()[0]), target)
         print_result(str(target))

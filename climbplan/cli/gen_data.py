@@ -148,6 +148,7 @@ def _write_rows(
     from climbplan.store.dataset_file import write_dataset_file
 
     session.note(_format_summary(generated_rows))
+    generated_rows.copy_files(path.parent)
     write_dataset_file(generated_rows.data, path)
     begin = time.perf_counter()
     verification = verify_and_mark(path, statement)
@@ -207,6 +208,13 @@ def _build_recipe(loaded: LoadedDataset, name: str | None) -> Recipe:
 
         walks = functools.partial(build_walk_source, problem, directory)
         return Recipe(walks, spec.seed, spec.row_seconds, loaded.sha256)
+    if problem.kind == "motions":
+        from climbplan.datasets.motion_source import build_motion_source
+        from climbplan.datasets.motions.walkers import prepare_walkers
+
+        walkers = prepare_walkers(problem.robots, directory)
+        motions = functools.partial(build_motion_source, problem, walkers, directory)
+        return Recipe(motions, spec.seed, spec.row_seconds, loaded.sha256)
     from climbplan.datasets.program_source import build_program_source
 
     load = functools.partial(load_problem, _full(name or ""))
@@ -233,6 +241,13 @@ def _list_files(loaded: LoadedDataset, name: str | None) -> tuple[Path, ...]:
         if Path(problem.robot).suffix in (".yaml", ".yml"):
             files += find_robot_files(problem.robot, loaded.directory.absolute())
         return tuple(files)
+    if problem.kind == "motions":
+        from climbplan.datasets.motions.scenes import list_scene_files
+        from climbplan.datasets.motions.walkers import list_walker_files
+
+        directory = loaded.directory.absolute()
+        scene_files = list_scene_files(problem.scenes, directory)
+        return (*list_walker_files(problem.robots, directory), *scene_files)
     for source in (problem.solver.library, problem.solver.model):
         if source is not None:
             named = source if isinstance(source, str) else source.file

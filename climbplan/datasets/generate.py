@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -37,6 +39,15 @@ class Generated:
     data: Dataset
     count: Count
     resumed: int  # rows of the stopped run
+    directory: Path  # that paths of the rows' files start from
+
+    def copy_files(self, target: Path) -> None:
+        """Put the files of the rows into a folder, where the dataset will be.
+
+        Links are made where the file system can, so that this takes no room.
+        """
+        for folder in (path for path in self.directory.iterdir() if path.is_dir()):
+            shutil.copytree(folder, target / folder.name, copy_function=_link)
 
 
 @contextmanager
@@ -86,7 +97,7 @@ def generate_rows(
                 },
                 solvers={"method": spec.problem.solver.method},
             )
-            yield Generated(data, count, len(stored_rows.rows))
+            yield Generated(data, count, len(stored_rows.rows), place.path)
         except BaseException:
             num_kept = len(store.find().rows)
             if num_kept:
@@ -97,6 +108,13 @@ def generate_rows(
                 place.remove()
             raise
         place.remove()
+
+
+def _link(source: str, target: str) -> None:
+    try:
+        os.link(source, target)
+    except OSError:  # another file system, or one without links
+        shutil.copy2(source, target)
 
 
 def _select_engine(recipe: Recipe, options: RunOptions) -> Engine:

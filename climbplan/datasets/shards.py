@@ -13,13 +13,13 @@ import math
 import time
 import zipfile
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from climbplan.errors import PlanFileError
+from climbplan.errors import PlanFileError, UsageError
 from climbplan.store.atomic_file import replace_atomically
 from climbplan.store.dataset import Dataset, DatasetFrame
 from climbplan.store.dataset_row import Row, RowAnswer, build_dataset
@@ -80,11 +80,14 @@ class ShardStore:
         """Keep rows: the first ones and complete shards are written at once, others now and then.
 
         A run that is killed loses the rows of at most `_MAX_WAIT` seconds, and never all of them.
-        Raises UsageError if the disk does not take them.
+        Files of rows are written before them. Raises UsageError if the disk does not take them.
         """
         for row in rows:
             shard = row.index // self.size
-            self._open.setdefault(shard, []).append(row)
+            for name, content in row.answer.files.items():
+                self._write_file(name, content)
+            stored = replace(row, answer=replace(row.answer, files={}))
+            self._open.setdefault(shard, []).append(stored)
             self._unsaved.add(shard)
         for shard in sorted(self._unsaved):
             if len(self._open[shard]) == len(self._rows(shard)):
@@ -120,6 +123,15 @@ class ShardStore:
     def _path(self, shard: int) -> Path:
         rows = self._rows(shard)
         return self.directory / f"rows_{rows.start:08d}_{rows.stop - 1:08d}.shard"
+
+    def _write_file(self, name: str, content: bytes) -> None:
+        path = self.directory / name
+        try:
+            path.parent.mkdir(exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"{path.parent}: cannot be created: {error.strerror}") from error
+        with replace_atomically(path) as temporary_path:
+            temporary_path.write_bytes(content)
 
     def _write(self, shard: int) -> None:
         dataset = build_dataset(self.frame, self._open[shard])

@@ -8,9 +8,11 @@ say why.
 from __future__ import annotations
 
 import hashlib
+import os
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
@@ -29,8 +31,10 @@ _COLUMNS = ("parameters", "feasible", "integers", "objective", "bound", "time", 
 def build_solution_layout(
     shape: Sequence[int], units: str = "", frame: str = "", kind: Kind = "float"
 ) -> DatasetLayout:
-    """Return the layout of one array of a solution, `shape` without its rows; NaN without an
-    answer.
+    """Return the layout of one array of a solution, `shape` without its rows.
+
+    Rows without an answer have NaN, -1, False or empty text. Texts whose unit is `path` are paths
+    relative to the folder of the dataset.
     """
     return DatasetLayout(("n", *shape), units, frame, kind, may_be_nan=kind == "float")
 
@@ -104,6 +108,29 @@ class Dataset:
         """Return a hash of each row's parameters (n,): equal ones are the same problem."""
         rows = np.ascontiguousarray(self.parameters) + 0.0  # no minus zero
         return tuple(hashlib.sha256(row.tobytes()).hexdigest()[:16] for row in rows)
+
+    def move(self, start: Path, end: Path) -> Self:
+        """Return the dataset for another folder: its paths lead to the same files from there.
+
+        Args:
+            start: Folder of the dataset so far.
+            end: Folder that it is written to.
+        """
+        names = [name for name, layout in self.frame.layouts.items() if layout.units == "path"]
+        if not names or start.resolve() == end.resolve():
+            return self
+        prefix = os.path.relpath(start.resolve(), end.resolve())
+        paths = {
+            name: np.array(
+                [
+                    os.path.normpath(f"{prefix}/{path}") if path else ""
+                    for path in self.solution[name]
+                ],
+                np.str_,
+            )
+            for name in names
+        }
+        return replace(self, solution={**self.solution, **paths})
 
     def rows(self, chosen: IntArray) -> Self:
         """Return the dataset of some rows (k,), masks left out."""

@@ -46,7 +46,7 @@ _MASK = DatasetLayout(("n",), kind="bool")
 _SAFE_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]{0,63}")
 _MOST_ARRAYS = 64
 _LARGEST = 1e30  # beyond this squares overflow
-_KINDS: dict[str, Kind] = {"float": "float", "int": "int", "bool": "bool"}
+_KINDS: dict[str, Kind] = {"float": "float", "int": "int", "bool": "bool", "text": "text"}
 
 
 def write_dataset_file(data: Dataset, path: Path) -> None:
@@ -118,7 +118,10 @@ def _read(reader: Reader) -> Dataset:
     names: dict[str, Any] = reader.datasets("", _NAMES)
     layouts = _read_layouts(reader)
     reader.group("solution")
-    solution = reader.datasets("solution", layouts)
+    solution = {
+        name: np.array(value, np.str_) if layouts[name].kind == "text" else value
+        for name, value in reader.datasets("solution", layouts).items()
+    }
     masks: dict[str, Any] = {}
     if reader.has("split"):
         masks = {name: reader.array(f"split/{name}", _MASK) for name in ("train", "test")}
@@ -173,7 +176,11 @@ def _require_sound(reader: Reader, data: Dataset) -> None:
         "time": data.time,
         "parameters": data.parameters,
         "objective": data.objective,
-        **{f"solution/{key}": array for key, array in data.solution.items()},
+        **{
+            f"solution/{key}": array
+            for key, array in data.solution.items()
+            if array.dtype.kind in "fi"
+        },
     }.items():
         table = value.reshape(len(value), -1)
         bad = ~np.isfinite(table).all(axis=1) & data.feasible

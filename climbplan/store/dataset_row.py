@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -12,8 +12,15 @@ from numpy.typing import NDArray
 
 from climbplan.arrays import Array, IntArray
 from climbplan.store.dataset import ANSWERED, Dataset, DatasetFrame
+from climbplan.store.hdf5_layout import Kind
 
 Drawn = TypeVar("Drawn")
+_EMPTY: dict[Kind, tuple[Any, type[Any]]] = {  # entries of rows without an answer, and their type
+    "float": (math.nan, np.float64),
+    "int": (-1, np.int64),
+    "bool": (False, np.bool_),
+    "text": ("", np.object_),
+}
 
 
 @dataclass(frozen=True)
@@ -28,6 +35,8 @@ class RowAnswer:
     bound: float = -math.inf
     time: float = 0.0  # [s]
     evidence: Mapping[str, NDArray[Any]] | None = None  # what a row without an answer holds instead
+    # By relative path: kept beside the dataset. Whoever makes rows need not share a disk
+    files: Mapping[str, bytes] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -72,9 +81,7 @@ def build_dataset(frame: DatasetFrame, rows: Sequence[Row]) -> Dataset:
     solution: dict[str, NDArray[Any]] = {}
     for name, layout in frame.layouts.items():
         shape = (n, *(int(k) for k in layout.shape[1:]))
-        solution[name] = (
-            np.full(shape, math.nan) if layout.kind == "float" else np.full(shape, -1, np.int64)
-        )
+        solution[name] = np.full(shape, *_EMPTY[layout.kind])
     objective = np.full(n, math.nan)
     for k, row in enumerate(ordered):
         if row.parameters is not None:
@@ -89,6 +96,9 @@ def build_dataset(frame: DatasetFrame, rows: Sequence[Row]) -> Dataset:
         elif answer.evidence is not None:
             for name, value in answer.evidence.items():
                 solution[name][k] = value
+    for name, layout in frame.layouts.items():
+        if layout.kind == "text":
+            solution[name] = solution[name].astype(np.str_)
     return Dataset(
         frame=frame,
         parameters=parameters,

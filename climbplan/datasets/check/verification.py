@@ -1,7 +1,7 @@
 """Verification of a dataset: every row's solution by the problem's own exact check.
 
-Scenes of books, terrains and walks are checked from the file alone, rows of a stated program with
-its statement. That a terrain is infeasible is proved again.
+Scenes of books, terrains and walks are checked from the file alone, motions from the files beside
+it, rows of a stated program with its statement. That a terrain is infeasible is proved again.
 """
 
 from __future__ import annotations
@@ -19,6 +19,8 @@ from climbplan.bookshelf.schema.model import ShelfSolverSpec
 from climbplan.climb.envelopes import dataset_rows as terrains
 from climbplan.climb.envelopes.search import TOLERANCE, find_posture
 from climbplan.climb.envelopes.terrains import LimbPatches
+from climbplan.datasets.check import motion_rows
+from climbplan.datasets.motions import rows as motions
 from climbplan.datasets.schema.model import ProgramDatasetSpec, ShelfDatasetSpec
 from climbplan.errors import PlanFileError, SpecError, UsageError
 from climbplan.methods import dataset_rows as programs
@@ -49,6 +51,9 @@ MEANINGS = {
     "rows.linear": "points of infeasible rows satisfy all rows of P but the bilinear ones",
     "rows.proof": "infeasible rows whose infeasibility is not proved again",
     "file.objective": "costs are those of the stored solutions",
+    "rows.usable": "rows of motions that are usable without an answer, or have files otherwise",
+    "rows.files": "motions and meshes that are missing or have another SHA-256",
+    "rows.motions": "measures that usable motions break: slip, penetration, friction, limits",
 }
 _RELATIVE = 1e-6
 _NO_BLOCKS = LeftOut("file alone", "the problem's blocks are not looked at without --problem")
@@ -106,6 +111,8 @@ def _check_rows(data: Dataset, path: Path, problem: Problem | None) -> Iterator[
         yield from _check_terrains(data, path)
     elif data.frame.kind == walks.KIND:
         yield from _check_walks(data, path)
+    elif data.frame.kind == motions.KIND:
+        yield from _check_motions(data, path)
     else:
         raise PlanFileError(f"{path}: rows of an unknown kind, {data.frame.kind!r}")
 
@@ -189,6 +196,14 @@ def _check_walks(data: Dataset, path: Path) -> Iterator[Check]:
     yield _check_worst("rows.integers", integer_deviation, 0.0, rows=rows)
     yield _check_worst("rows.sections", features, _RELATIVE, rows=rows)
     yield _check_worst("file.objective", deviation, _RELATIVE, "relative", rows=rows)
+
+
+def _check_motions(data: Dataset, path: Path) -> Iterator[Check]:
+    """Yield whether files are there as the rows say, and measures of their motions."""
+    motion_rows.require_columns(data, path)
+    yield _check_count("rows.usable", motion_rows.count_unsound_rows(data))
+    yield _check_worst("rows.files", motion_rows.find_changed_files(data, path.parent), 0.0)
+    yield _check_worst("rows.motions", motion_rows.count_broken_measures(data, path.parent), 0.0)
 
 
 def _check_terrains(data: Dataset, path: Path) -> Iterator[Check]:

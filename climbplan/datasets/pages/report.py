@@ -14,6 +14,7 @@ from climbplan.bookshelf.check.plan_checks import MEANINGS as PLACEMENTS
 from climbplan.bookshelf.plan.dataset_frame import KIND
 from climbplan.bookshelf.plan.summary import TRIVIAL
 from climbplan.datasets.check.verification import MEANINGS, verify_dataset
+from climbplan.datasets.motions.statistics import build_motion_values
 from climbplan.datasets.pages.figures import select_figures
 from climbplan.reports.page_parts import Card, Rows, Table
 from climbplan.reports.page_template import (
@@ -57,6 +58,7 @@ def build_report_values(data: Dataset, verification: Verification) -> dict[str, 
         "solvers": dict(data.solvers),
         "verification": [check.as_dict() for check in verification.checks],
         **compute_statistics(data),
+        "motions": build_motion_values(data),
         "without_answer": [
             _build_row(data, int(k)) for k in np.flatnonzero(~data.feasible)[:_LISTED]
         ],
@@ -70,6 +72,8 @@ def build_report_values(data: Dataset, verification: Verification) -> dict[str, 
             "costliest.*.objective": data.frame.objective_unit,
             "costliest.*.time": "s",
             "without_answer.*.time": "s",
+            "motions.*.seconds": "s",
+            "motions.*.cpu": "s",
         },
     }
     whole: dict[str, Any] = replace_non_finite(report)
@@ -117,6 +121,16 @@ def _build_page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
     above = "" if trivial_cost is None else f" above {trivial_cost:g} {unit}"
     tables: dict[str, Rows] = {
         "Solvers": [(name, str(version)) for name, version in report["solvers"].items()],
+        "Motions by robot and scene": [
+            (
+                f"{entry['robot']}, {entry['scene']}",
+                (
+                    f"{entry['planned']} of {entry['rows']} planned, {entry['usable']} usable, "
+                    f"{entry['cpu']:.1f} s of CPU each"
+                ),
+            )
+            for entry in report["motions"]
+        ],
         "Reasons of rows without an answer": [
             (reason, f"{rows} rows") for reason, rows in report["reasons"].items()
         ],

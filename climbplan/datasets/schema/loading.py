@@ -9,10 +9,18 @@ from pathlib import Path
 from climbplan.climb.schema.envelopes_loading import find_unknown_limbs
 from climbplan.datasets.schema.model import (
     BY_PROBLEM,
-    ProgramDatasetSpec,
-    ShelfDatasetSpec,
+    AnyDatasetModel,
+    AnyDatasetSpec,
+    MotionsDatasetSpec,
     TerrainsDatasetSpec,
     WalksDatasetSpec,
+)
+from climbplan.datasets.schema.motions import (
+    MODEL_ENDINGS,
+    ROBOT_ENDINGS,
+    MotionsProblemSpec,
+    ScansSceneSpec,
+    SpecSceneSpec,
 )
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.document import Document, Finding, KeyPath
@@ -21,6 +29,7 @@ from climbplan.schema.kinds import find_kind, validate
 from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_paths
 from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.robots.named import load_robot_of_document
+from climbplan.schema.robots.source import UnknownRobot, list_builtin_robots
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.wording import format_value
 from climbplan.schema.yaml_source import parse_yaml
@@ -37,7 +46,7 @@ _PATHS = (
 class LoadedDataset(LoadedSpec):
     """A dataset spec and the text it came from."""
 
-    spec: ShelfDatasetSpec | ProgramDatasetSpec | TerrainsDatasetSpec | WalksDatasetSpec
+    spec: AnyDatasetSpec
 
 
 def load_dataset(source: str | Path, overrides: Sequence[str | Override] = ()) -> LoadedDataset:
@@ -72,6 +81,8 @@ def build_dataset_spec(document: Document, text: SourceText) -> LoadedDataset:
         robot, robot_mistakes = load_robot_of_document(document, text.directory, path)
         if spec is not None and robot is not None and isinstance(spec, TerrainsDatasetSpec):
             findings += find_unknown_limbs(spec.problem.terrain, robot, ("problem", "terrain"))
+    if isinstance(spec, MotionsDatasetSpec):
+        findings += _find_missing_files(spec.problem, text.directory)
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if model is WalksDatasetSpec:
         mistakes += load_document_body(document, text.directory, ("problem", "robot"))[1]
@@ -80,15 +91,28 @@ def build_dataset_spec(document: Document, text: SourceText) -> LoadedDataset:
     return LoadedDataset(spec=spec, **describe_origin(document, text))
 
 
-def _select_model(
-    document: Document,
-) -> (
-    type[ShelfDatasetSpec]
-    | type[ProgramDatasetSpec]
-    | type[TerrainsDatasetSpec]
-    | type[WalksDatasetSpec]
-    | Finding
-):
+def _find_missing_files(problem: MotionsProblemSpec, directory: Path) -> list[Finding]:
+    """Return findings for robots, specs and folders of motions that are not there."""
+    findings = []
+    for k, robot in enumerate(problem.robots):
+        path: KeyPath = ("problem", "robots", k, "file")
+        is_file = robot.file.lower().endswith((*MODEL_ENDINGS, *ROBOT_ENDINGS))
+        if is_file and not (directory / robot.file).is_file():
+            findings.append(Finding(path, f"no such file {robot.file!r}, expected a robot's"))
+        elif not is_file and robot.file not in list_builtin_robots():
+            unknown = UnknownRobot(robot.file)
+            findings.append(Finding(path, str(unknown), unknown.suggestion))
+    for k, scene in enumerate(problem.scenes):
+        if isinstance(scene, SpecSceneSpec) and not (directory / scene.file).is_file():
+            message = f"no such file {scene.file!r}, expected a spec that a robot moves by"
+            findings.append(Finding(("problem", "scenes", k, "file"), message))
+        elif isinstance(scene, ScansSceneSpec) and not (directory / scene.folder).is_dir():
+            message = f"no such folder {scene.folder!r}, expected one with meshes"
+            findings.append(Finding(("problem", "scenes", k, "folder"), message))
+    return findings
+
+
+def _select_model(document: Document) -> AnyDatasetModel | Finding:
     """Return the model that `problem.kind` asks for, or what is wrong with it."""
     kind_names = ", ".join(f"`{kind}`" for kind in BY_PROBLEM)
     problem = document.value.get("problem")

@@ -8,6 +8,7 @@ from pydantic import Field
 
 from climbplan.bookshelf.schema.dataset import BookshelfProblemSpec
 from climbplan.climb.schema.terrains_dataset import TerrainsProblemSpec
+from climbplan.datasets.schema.motions import MotionsProblemSpec
 from climbplan.schema.base import Count, Number, SpecModel, quantity
 from climbplan.schema.program.model import ProgramSolverSpec
 from climbplan.walking.schema.dataset import WalksProblemSpec
@@ -27,7 +28,11 @@ class ProgramProblemSpec(SpecModel):
 
 
 ProblemSpec = Annotated[
-    BookshelfProblemSpec | ProgramProblemSpec | TerrainsProblemSpec | WalksProblemSpec,
+    BookshelfProblemSpec
+    | MotionsProblemSpec
+    | ProgramProblemSpec
+    | TerrainsProblemSpec
+    | WalksProblemSpec,
     Field(discriminator="kind"),
 ]
 
@@ -88,15 +93,31 @@ class WalksDatasetSpec(DatasetSpec):
     """What is sampled and solved."""
 
 
-BY_PROBLEM: dict[
-    str,
+class MotionsDatasetSpec(DatasetSpec):
+    """A dataset of motions."""
+
+    problem: MotionsProblemSpec
+    """What is sampled and solved."""
+
+
+AnyDatasetSpec = (
+    ShelfDatasetSpec
+    | ProgramDatasetSpec
+    | TerrainsDatasetSpec
+    | WalksDatasetSpec
+    | MotionsDatasetSpec
+)
+AnyDatasetModel = (
     type[ShelfDatasetSpec]
     | type[ProgramDatasetSpec]
     | type[TerrainsDatasetSpec]
-    | type[WalksDatasetSpec],
-] = {
+    | type[WalksDatasetSpec]
+    | type[MotionsDatasetSpec]
+)
+BY_PROBLEM: dict[str, AnyDatasetModel] = {
     "bookshelf": ShelfDatasetSpec,
     "program": ProgramDatasetSpec,
     "terrains": TerrainsDatasetSpec,
     "mpc": WalksDatasetSpec,
+    "motions": MotionsDatasetSpec,
 }

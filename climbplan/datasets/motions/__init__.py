@@ -1,0 +1,1 @@
+"""Rows of motions: robots and scenes drawn, planned, verified, simulated and exported."""

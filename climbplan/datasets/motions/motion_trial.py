@@ -1,0 +1,134 @@
+"""One motion: a spec planned, verified from its file, simulated in MuJoCo, and measured."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from climbplan.climb.schema.loading import LoadedClimb
+from climbplan.climb.schema.transition_loading import LoadedTransition
+from climbplan.errors import UsageError
+from climbplan.motions.tracked_motion import TrackedMotion
+from climbplan.schema.loaded import LoadedSpec
+from climbplan.simulation.conditions import NOMINAL
+from climbplan.walking.schema.loading import LoadedMpc
+
+
+@dataclass(frozen=True)
+class SimulatedEnd:
+    """How a plan ends in MuJoCo."""
+
+    fall: float | None  # [s] when it fell; None: it stands
+    num_slips: int
+    num_lost_contacts: int
+
+
+@dataclass(frozen=True)
+class VerifiedMotionPlan:
+    """A plan that was made of a spec: its file, its verification, its motion."""
+
+    path: Path
+    status: str  # "optimal", "feasible"
+    objection: str  # of its verification; empty if it passed
+    cpu: float  # [s] of planning and verification
+
+
+def plan_motion(loaded: LoadedSpec, path: Path) -> VerifiedMotionPlan:
+    """Plan a spec, write the plan, and verify it from its file.
+
+    Args:
+        loaded: A climb, transition or walk.
+        path: Of the plan file.
+
+    Raises:
+        NoPlanFound: There is no plan, or none was found.
+        UsageError: The spec is of another kind.
+    """
+    begin = time.process_time()
+    match loaded:
+        case LoadedClimb() | LoadedTransition():
+            status, objection = _plan_climb(loaded, path)
+        case LoadedMpc():
+            status, objection = _plan_walk(loaded, path)
+        case _:
+            raise UsageError(
+                f"{loaded.name}: expected a spec of kind `climb`, `transition` or `mpc`, which a "
+                "robot moves by"
+            )
+    return VerifiedMotionPlan(path, status, objection, time.process_time() - begin)
+
+
+def _plan_climb(loaded: LoadedClimb | LoadedTransition, path: Path) -> tuple[str, str]:
+    from climbplan.climb.check.verification import verify_and_mark
+    from climbplan.climb.plan.file import write_climb
+    from climbplan.climb.planner.planner import plan_climb
+    from climbplan.climb.transition.planner import plan_transition
+
+    plan = plan_climb(loaded) if isinstance(loaded, LoadedClimb) else plan_transition(loaded)
+    write_climb(plan, path)
+    return plan.status, verify_and_mark(path).objection
+
+
+def _plan_walk(loaded: LoadedMpc, path: Path) -> tuple[str, str]:
+    from climbplan.walking.check.verification import verify_and_mark
+    from climbplan.walking.plan.file import write_walk_plan
+    from climbplan.walking.planner.planner import plan_walk
+
+    plan = plan_walk(loaded)
+    write_walk_plan(plan, path)
+    return plan.status, verify_and_mark(path).objection
+
+
+def simulate_motion(loaded: LoadedSpec, path: Path) -> SimulatedEnd:
+    """Replay a plan file in MuJoCo, in the world that it was planned for.
+
+    Raises:
+        MissingSolver: MuJoCo is not installed.
+        UsageError: There is no model of its robot.
+    """
+    if isinstance(loaded, LoadedMpc):
+        return _simulate_walk(path)
+    from climbplan.climb.plan.file import read_climb
+    from climbplan.climb.simulation.comparison import find_losses, find_slips
+    from climbplan.climb.simulation.replay import simulate
+
+    plan = read_climb(path)
+    run = simulate(plan, NOMINAL)
+    fall = float(run.time[-1]) if run.fallen else None
+    return SimulatedEnd(fall, len(find_slips(plan, run)), len(find_losses(plan, run)))
+
+
+def _simulate_walk(path: Path) -> SimulatedEnd:
+    from climbplan.walking.plan.file import read_walk_plan
+    from climbplan.walking.simulation.comparison import compare_walk
+    from climbplan.walking.simulation.whole_body_replay import simulate_whole_body
+
+    plan = read_walk_plan(path)
+    run = simulate_whole_body(plan, NOMINAL)
+    compared = compare_walk(plan, run)
+    fall = float(run.time[-1]) if run.fallen else None
+    return SimulatedEnd(fall, len(compared.slips), 0)
+
+
+def read_motion(loaded: LoadedSpec, path: Path, rate: float, name: str) -> TrackedMotion:
+    """Return the motion of a verified plan file under a name.
+
+    Args:
+        loaded: The spec that it was planned from.
+        path: The plan file.
+        rate: Sample rate [Hz].
+        name: Of the motion.
+
+    Raises:
+        UsageError: The links of the robot are unknown.
+    """
+    if isinstance(loaded, LoadedMpc):
+        from climbplan.walking.exports.tracked_motion import read_tracked_motion as read_walk
+
+        motion = read_walk(path, rate)
+    else:
+        from climbplan.climb.exports.tracked_motion import read_tracked_motion as read_climb
+
+        motion = read_climb(path, rate)
+    return replace(motion, name=name, is_verified=True)

@@ -47,6 +47,7 @@ SLOW = (
     "walk_and_simulate",
     "your_terrain",
     "your_robot",
+    "robot_to_motions",
 )
 
 

@@ -23,7 +23,7 @@ from climbplan.datasets.motions.scenes import (
 from climbplan.datasets.motions.statistics import count_motions
 from climbplan.datasets.motions.walkers import prepare_walkers
 from climbplan.datasets.schema.loading import load_dataset
-from climbplan.datasets.schema.motions import MotionsProblemSpec
+from climbplan.datasets.schema.motions import MotionsProblemSpec, SpecSceneSpec
 from climbplan.datasets.shards import ShardStore
 from climbplan.errors import SpecError
 from climbplan.motions.measure import measure_motion
@@ -79,6 +79,7 @@ def test_grounds_begin_level_and_end_where_the_way_does() -> None:
     for k in range(12):
         drawn = whole.draw(np.random.default_rng(k))
         scene = whole.scenes[drawn.scene]
+        assert not isinstance(scene, SpecSceneSpec)
         course = make_course(scene, drawn.values, drawn.seed)
         again = make_course(scene, drawn.values, drawn.seed)
         np.testing.assert_array_equal(course.mesh.vertices, again.mesh.vertices)

@@ -68,7 +68,7 @@ def factor_cost(instance: Instance) -> SeparableCost:
         g = instance.q[index]
         try:
             factor = np.asarray(np.linalg.cholesky(H).T, np.float64)
-            offset = np.linalg.solve(factor.T, g)
+            offset = np.asarray(np.linalg.solve(factor.T, g), np.float64)
             slope[index] = 0.0
         except np.linalg.LinAlgError:
             size, vector = np.linalg.eigh(H)

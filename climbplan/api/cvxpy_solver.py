@@ -225,7 +225,8 @@ def _solve_with_proof(
         return _examine_unbounded(instance, _build_unsolved(begin, str(error)), time_left)
     if bounded is None:
         return _Solved(instance, _build_infeasible(begin))
-    search = _select_search(bounded, chosen, cache, WarmStartedTree)
+    kind = ConicSearch if "cones" in bounded.features else WarmStartedTree
+    search = _select_search(bounded, chosen, cache, kind)
     result = search.solve(bounded, _compute_time_left(chosen, begin))
     return _Solved(bounded, result, search.certificate)
 
@@ -259,8 +260,7 @@ def _select_search(
     shape, search = cache.get(NAME, (None, None))
     if shape != key:
         search = kind(chosen.gap, chosen.tolerance)
-        if kind is WarmStartedTree:
-            search.proves = chosen.certificate is not None
+        search.proves = chosen.certificate is not None
         cache[NAME] = key, search
     return search
 

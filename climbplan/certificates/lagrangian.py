@@ -42,13 +42,16 @@ class Lagrangian:
         self.terms += entries.size
 
     def minimise(self, box: CertificateBox) -> float:
-        """Return the minimum over a box, rounded down."""
+        """Return the minimum over a box, rounded down; a slope of certain sign needs one bound."""
         is_used = self.size > 0.0
         slope, size = self.slope[is_used], self.size[is_used]
-        ends = np.stack([np.append(box.lower, 1.0)[is_used], np.append(box.upper, 1.0)[is_used]])
+        lower, upper = np.append(box.lower, 1.0)[is_used], np.append(box.upper, 1.0)[is_used]
+        error = bound_error(self.terms, size)
+        first = np.where((slope < -error) & np.isinf(lower), upper, lower)
+        ends = np.stack([first, np.where((slope > error) & np.isinf(upper), lower, upper)])
         if not (np.isfinite(slope).all() and np.isfinite(ends).all()):
             return -np.inf
-        error = bound_error(self.terms, size) * np.abs(ends).max(axis=0)
+        error = error * np.abs(ends).max(axis=0)
         values = (slope * ends).min(axis=0) - error
         return float(round_down(values.sum() - bound_error(self.terms, np.abs(values).sum())))
 

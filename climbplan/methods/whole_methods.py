@@ -27,10 +27,11 @@ from climbplan.solvers.ipopt.instances import solve_ipopt
 from climbplan.solvers.ipopt.mpcc import STRAIGHT, solve_mpcc
 from climbplan.solvers.mixed_integer.cone_rows import state_cones
 from climbplan.solvers.mixed_integer.method import WarmStartedTree
+from climbplan.solvers.mixed_integer.outer_approximation import ConicSearch
 from climbplan.solvers.mixed_integer.spatial_method import WarmStartedSpatialTree
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import Answer, SolverResult, judge_answer
-from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
+from climbplan.solvers.tree.branch_and_bound import is_conic, solve_branch_and_bound
 
 _TREE: Method = "branch-and-bound"
 
@@ -48,9 +49,7 @@ def solve_by_tree(task: Task) -> Outcome:
             "mpcc or pinned"
         )
     if settings.certificate:
-        # The compiled trees map multipliers of their leaves to the statement's rows
-        solver_type = WarmStartedSpatialTree if task.instance.products.count else WarmStartedTree
-        tree = solver_type(settings.gap, settings.tolerance, proves=True)
+        tree = _create_proving_tree(task)
         result = tree.solve(task.instance, task.time_left)
         return Outcome(result, "own tree", 1, certificate=tree.certificate)
     sources = settings.library, settings.model, settings.strategy
@@ -62,6 +61,15 @@ def solve_by_tree(task: Task) -> Outcome:
     if stated is not task.instance and result.x is not None:
         result = _judge_as_stated(task, result)
     return Outcome(result, "own tree", 1 + len(proposals))
+
+
+def _create_proving_tree(task: Task) -> WarmStartedTree | WarmStartedSpatialTree | ConicSearch:
+    """Create the tree whose leaves' multipliers map to the statement's rows."""
+    gap, tolerance = task.settings.gap, task.settings.tolerance
+    if is_conic(task.instance):
+        return ConicSearch(gap, tolerance, proves=True)
+    solver_type = WarmStartedSpatialTree if task.instance.products.count else WarmStartedTree
+    return solver_type(gap, tolerance, proves=True)
 
 
 def solve_by_benders(task: Task) -> Outcome:

@@ -8,7 +8,8 @@ this is not enough, the leaf is split further. The checker has accepted each pro
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -29,6 +30,7 @@ _LEAF_STATES = (slots.OPEN, slots.CLOSED, slots.EMPTY_NODE, slots.GIVEN_UP)
 _SHORTFALL = 1e-7  # relative amount by which a leaf may fall short of the tree's bound
 _THIN = 1e-7  # relative width below which a factor's range is not split
 _MIN_PROOF_TIME = 1.0  # least time for a certificate after the time limit [s]
+_SHRINK = 1e-8  # relative, of multipliers where a variable has no bound
 _MAX_SPLITS = 10_000  # largest number of splits beyond those of the search
 
 
@@ -69,13 +71,46 @@ def certify_without_search(instance: Instance, required_bound: float = np.inf) -
     return _Prover(instance, required_bound, np.inf, None).certify()
 
 
+@dataclass
+class SplitTree:
+    """Splits of integers, by the nodes of a tree; node 0 is the root, and others are leaves."""
+
+    splits: dict[int, tuple[int, float, int]] = field(default_factory=dict)
+
+    def append(self, node: int, variable: int, value: float) -> tuple[int, int]:
+        """Split a leaf in variable <= value and variable >= value + 1; return both children."""
+        below = 2 * len(self.splits) + 1
+        self.splits[node] = variable, value, below
+        return below, below + 1
+
+
+def certify_splits(
+    instance: Instance, tree: SplitTree, required_bound: float, deadline: float = np.inf
+) -> Certificate:
+    """Build the certificate of a tree over integers, whose leaves are solved again.
+
+    Args:
+        instance: The stated instance.
+        tree: The splits of a search.
+        required_bound: Bound to prove; leaves are refined only where they prove less.
+        deadline: Time of `time.perf_counter` [s] after which leaves prove what their boxes imply.
+    """
+    return _Prover(instance, required_bound, deadline, None, tree.splits).certify()
+
+
 class _Prover:
     """Certifies leaves one after the other with the best proof of each."""
 
     def __init__(
-        self, instance: Instance, required_bound: float, deadline: float, tree: SearchedTree | None
+        self,
+        instance: Instance,
+        required_bound: float,
+        deadline: float,
+        tree: SearchedTree | None,
+        splits: Mapping[int, tuple[int, float, int]] | None = None,
     ) -> None:
         """Collect the leaves of a tree, or begin with the root without one."""
+        self._splits = {} if splits is None else splits
         self._instance, self._required_bound, self._deadline, self._tree = (
             instance,
             required_bound,
@@ -97,11 +132,13 @@ class _Prover:
     def certify(self) -> Certificate:
         """Certify all leaves; splits and leaves are in preorder."""
         writer, tree = CertificateWriter(), self._tree
-        root = None
+        root, first = None, 0 if self._splits else -1
         if tree is not None:
             numbers = tree.program.data
             root = Subdomain(numbers.root_low, numbers.root_high, np.arange(len(self._nodes)))
-        stack: list[tuple[CertificateBox, Subdomain | None, int]] = [(self._checker.root, root, -1)]
+        stack: list[tuple[CertificateBox, Subdomain | None, int]] = [
+            (self._checker.root, root, first)
+        ]
         while stack:
             box, subdomain, leaf = stack.pop()
             box = tighten_box(self._checker.rows, box)
@@ -117,6 +154,12 @@ class _Prover:
                     writer.append_split(j, value)
                     stack += [(above, split.above, -1), (below, split.below, -1)]
                     continue
+            if leaf in self._splits:
+                j, value, child = self._splits[leaf]
+                below, above = box.bisect(self._checker.rows, j, value)
+                writer.append_split(j, value)
+                stack += [(above, None, child + 1), (below, None, child)]
+                continue
             proof = self._prove_leaf(box, leaf)
             j, value = (
                 (-1, 0.0) if proof.bound >= self._required_bound else self._select_extra_split(box)
@@ -126,6 +169,7 @@ class _Prover:
             else:
                 writer.append_split(j, value)
                 below, above = box.bisect(self._checker.rows, j, value)
+                leaf = leaf if tree is not None else -1
                 stack += [(above, None, leaf), (below, None, leaf)]
         return writer.build(self._instance)
 
@@ -177,6 +221,8 @@ class _Prover:
             relaxation = compute_leaf_multipliers(self._instance, rows, box, empty)
             if relaxation is not None:
                 yield relaxation.multipliers
+                if not (np.isfinite(box.lower) & np.isfinite(box.upper)).all():
+                    yield _shrink(relaxation.multipliers)
 
     def _map_stored(self, node: int, rows: CertificateRows, box: CertificateBox) -> Multipliers:
         """Return the multipliers that the search has stored of a leaf."""
@@ -211,6 +257,22 @@ class _Prover:
         j = int(factors[np.argmax(width[factors] / (root.upper - root.lower)[factors])])
         self._num_extra_splits += 1
         return j, float(0.5 * (box.lower[j] + box.upper[j]))
+
+
+def _shrink(multipliers: Multipliers) -> Multipliers:
+    """Return multipliers for boxes that are open, where a slope of the wrong sign proves nothing.
+
+    With the cost they are slightly smaller, so that its sign decides where slopes are near zero.
+    Without it, those that only rounding has left are zero.
+    """
+    rows, ball = multipliers.rows, multipliers.ball
+    if multipliers.point is not None:
+        return multipliers._replace(rows=(1.0 - _SHRINK) * rows, ball=(1.0 - _SHRINK) * ball)
+    smallest = _SHRINK * max(np.abs(rows).max(initial=0.0), np.abs(ball).max(initial=0.0))
+    return multipliers._replace(
+        rows=np.where(np.abs(rows) > smallest, rows, 0.0),
+        ball=np.where(np.abs(ball) > smallest, ball, 0.0),
+    )
 
 
 def _locate_entities(instance: Instance, rows: CertificateRows, tree: SearchedTree) -> IntArray:

@@ -4,6 +4,15 @@
 
 Variables that a box fixes are left out, since rows that pin a variable from both sides have no
 interior, which interior-point methods need.
+
+Bounds and infeasibility do not rest on the solver's accuracy: any z in the dual cone has
+
+    1/2 x'P x + q'x  >=  -1/2 p'P p - b'z + min over the box of (q + P p + M'z)'x
+
+for every feasible x and any p (weak duality), so the solver's z is projected onto the dual cone and
+the right side is evaluated with its rounding error (Jansson, "Rigorous lower and upper bounds in
+linear programming", 2004). Without the cost, a positive value proves that the box is empty. Where a
+variable has no bound on the side in question, a slope within the solver's accuracy counts as zero.
 """
 
 from __future__ import annotations
@@ -16,12 +25,15 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array, BoolArray, IntArray
+from climbplan.certificates.rounding import bound_error
 from climbplan.program.instance import Instance
 from climbplan.solvers.result import FEASIBILITY
 
 _FIXED = 1e-8  # width of a range that counts as a point
 _EXACT = 1e-10  # accuracy of incumbents
-_ACCURACY = 1e-8  # relative, of dual values as bounds
+_ACCURACY = 1e-8  # relative, of slopes along directions without bounds
+_LOSS = 1e-7  # relative distance of a bound from the dual value that calls for a tighter accuracy
+_LARGE = 1e3  # largest violation of an elastic program
 _MARGIN = 2.0  # of rows and cones, in units of a violation that is too large
 _SOLVED = (clarabel.SolverStatus.Solved,)
 _CLOSE = (*_SOLVED, clarabel.SolverStatus.AlmostSolved)
@@ -35,7 +47,7 @@ class NodeSolution:
 
     status: NodeStatus
     x: Array  # (n,)
-    bound: float  # dual value, less its accuracy
+    bound: float  # proved by the solver's multipliers
 
 
 @dataclass(frozen=True)
@@ -163,23 +175,35 @@ class ConicRelaxation:
             b=b[has_row],
             num_equal=int(has_row[: self._num_equal].sum()),
             num_linear=int(has_row.sum()) - sum(self._cone_sizes),
+            num_bounds=int(has_row[bounds].sum()),
             cone_sizes=self._cone_sizes,
         )
+        low, high = lower[is_free], upper[is_free]
         answer = program.solve(options)
-        if answer.status in _SOLVED:
-            x[is_free] = np.clip(answer.x, lower[is_free], upper[is_free])
-            return NodeSolution("solved", x, _read_bound(answer) + constant)
-        if answer.status == clarabel.SolverStatus.PrimalInfeasible:
-            return NodeSolution("infeasible", x, np.inf)
         if answer.status == clarabel.SolverStatus.DualInfeasible:
             return NodeSolution("unbounded", x, -np.inf)
-        if program.compute_least_violation(options) > FEASIBILITY:
+        if answer.status not in _SOLVED and self._is_empty(program, answer, low, high, options):
             return NodeSolution("infeasible", x, np.inf)
-        if answer.status in _CLOSE:
-            x[is_free] = np.clip(answer.x, lower[is_free], upper[is_free])
-            bound = _read_bound(answer) + constant if answer.r_dual <= _ACCURACY else -np.inf
-            return NodeSolution("solved", x, bound)
-        return NodeSolution("unsolved", x, -np.inf)
+        if answer.status not in _CLOSE:
+            return NodeSolution("unsolved", x, -np.inf)
+        x[is_free] = np.clip(answer.x, low, high)
+        bound = program.compute_bound(answer, low, high)
+        value = float(answer.obj_val_dual)
+        if options is self._settings and value - bound > _LOSS * max(1.0, abs(value + constant)):
+            precise = program.solve(self._exact_settings)
+            bound = max(bound, program.compute_bound(precise, low, high))
+        return NodeSolution("solved", x, bound + constant)
+
+    def _is_empty(
+        self, program: _NodeProgram, answer: Any, lower: Array, upper: Array, options: Any
+    ) -> bool:
+        """Return whether multipliers prove that no point is feasible, up to `FEASIBILITY`."""
+        if answer.status == clarabel.SolverStatus.PrimalInfeasible:
+            z = np.array(answer.z)
+            z /= max(float(np.abs(z).max(initial=0.0)), 1e-300)
+            if program.evaluate(z, None, lower, upper) > 0.0:
+                return True
+        return program.compute_least_violation(options, lower, upper) > FEASIBILITY
 
     def _drop_constant_rows(self, is_free: BoolArray, has_row: BoolArray, b: Array) -> bool:
         """Drop linear rows of fixed variables alone; return whether all of them hold.
@@ -205,7 +229,60 @@ class _NodeProgram:
     b: Array
     num_equal: int
     num_linear: int  # equations and inequalities
+    num_bounds: int  # inequalities that are bounds, the last ones
     cone_sizes: list[int]
+
+    def compute_bound(self, answer: Any, lower: Array, upper: Array) -> float:
+        """Return the bound that an answer's multipliers prove over a box, -inf where none."""
+        if answer.status not in _CLOSE:
+            return -np.inf
+        return self.evaluate(np.array(answer.z), np.array(answer.x), lower, upper)
+
+    def evaluate(self, z: Array, point: Array | None, lower: Array, upper: Array) -> float:
+        """Return the least value of the Lagrangian over a box; without a point less the cost.
+
+        Args:
+            z: (m,) multipliers of rows A x + s = b, projected onto the dual cone.
+            point: (n,) where the cost is linearised.
+            lower: (n,) bounds.
+            upper: (n,) bounds.
+        """
+        z = self._project(z)
+        slope, sizes = _sum_columns(self.A, self.A.data * z[self.A.indices])
+        terms, constant = len(z) + 2 * len(lower) + 8, -float(self.b @ z)
+        constant_size = float(np.abs(self.b) @ np.abs(z))
+        if point is not None:
+            curved, curved_size = _multiply_symmetric(self.P, point)
+            slope, sizes = slope + self.q + curved, sizes + np.abs(self.q) + curved_size
+            constant -= 0.5 * float(point @ curved)
+            constant_size += float(np.abs(point) @ curved_size)
+        error = bound_error(terms, sizes)
+        if not (np.isfinite(slope).all() and np.isfinite(constant)):
+            return -np.inf
+        ends = np.where(slope > 0.0, lower, upper)
+        is_open = ~np.isfinite(ends)
+        if (np.abs(slope[is_open]) > _ACCURACY * (1.0 + sizes[is_open])).any():
+            return -np.inf
+        reach = np.maximum(np.abs(lower), np.abs(upper))
+        reach = np.where(np.isfinite(reach), reach, np.abs(ends))[~is_open]
+        values = slope[~is_open] * ends[~is_open] - error[~is_open] * reach
+        total = constant + float(values.sum())
+        size = constant_size + float(np.abs(values).sum())
+        return total - float(bound_error(terms, size))
+
+    def _project(self, z: Array) -> Array:
+        """Return multipliers in the dual cone, without those of bounds, which boxes replace."""
+        z = z.copy()
+        inequalities = slice(self.num_equal, self.num_linear)
+        z[inequalities] = np.maximum(z[inequalities], 0.0)
+        z[self.num_linear - self.num_bounds : self.num_linear] = 0.0
+        if self.cone_sizes:
+            begin = self.num_linear + np.cumsum([0, *self.cone_sizes])[:-1].astype(np.int64)
+            squares = z[self.num_linear :] ** 2
+            squares[begin - self.num_linear] = 0.0
+            lengths = np.sqrt(np.add.reduceat(squares, begin - self.num_linear))
+            z[begin] = np.maximum(z[begin], lengths * (1.0 + 1e-14))
+        return z
 
     def solve(self, options: Any) -> Any:
         """Return Clarabel's answer."""
@@ -216,36 +293,54 @@ class _NodeProgram:
         ]
         return clarabel.DefaultSolver(self.P, self.q, self.A, self.b, cones, options).solve()
 
-    def compute_least_violation(self, options: Any) -> float:
+    def compute_least_violation(self, options: Any, lower: Array, upper: Array) -> float:
         """Return a lower bound on the violation of inequalities and cones; 0 if none is found.
 
         This program has an interior even where the node's has none, or is hardly infeasible.
         """
         heads = self.num_linear + np.cumsum([0, *self.cone_sizes])[:-1]
         slack = np.zeros((len(self.b), 1))
-        slack[self.num_equal : self.num_linear] = slack[heads.astype(np.int64)] = -1.0
+        first_bound = self.num_linear - self.num_bounds
+        slack[self.num_equal : first_bound] = slack[heads.astype(np.int64)] = -1.0
         A = sparse.hstack([self.A, sparse.csc_matrix(slack)])
         nonnegative = sparse.csr_matrix(([-1.0], ([0], [A.shape[1] - 1])), shape=(1, A.shape[1]))
-        rows, size = A.tocsr(), A.shape[1]
+        rows, size, end = A.tocsr(), A.shape[1], self.num_linear
         elastic = _NodeProgram(
             P=sparse.csc_matrix((size, size)),
             q=np.append(np.zeros(size - 1), 1.0),
-            A=sparse.vstack([rows[: self.num_equal], nonnegative, rows[self.num_equal :]]).tocsc(),
-            b=np.insert(self.b, self.num_equal, 0.0),
+            A=sparse.vstack([rows[:end], nonnegative, rows[end:]]).tocsc(),
+            b=np.insert(self.b, end, 0.0),
             num_equal=self.num_equal,
-            num_linear=self.num_linear + 1,
+            num_linear=end + 1,
+            num_bounds=self.num_bounds + 1,
             cone_sizes=self.cone_sizes,
         )
         answer = elastic.solve(options)
-        if answer.status == clarabel.SolverStatus.PrimalInfeasible:
-            return np.inf
-        return float(answer.obj_val_dual) if answer.status in _CLOSE else 0.0
+        low, high = np.append(lower, 0.0), np.append(upper, _LARGE)
+        if answer.status == clarabel.SolverStatus.PrimalInfeasible:  # equations contradict bounds
+            return np.inf if elastic.evaluate(np.array(answer.z), None, low, high) > 0.0 else 0.0
+        return max(0.0, elastic.compute_bound(answer, low, high))
 
 
-def _read_bound(answer: Any) -> float:
-    """Return the dual value of an answer, less its accuracy."""
-    value = float(answer.obj_val_dual)
-    return value - _ACCURACY * max(1.0, abs(value))
+def _sum_columns(matrix: sparse.csc_matrix, entries: Array) -> tuple[Array, Array]:
+    """Return the sums of entries of a matrix's sparsity by column, and of their sizes."""
+    n = matrix.shape[1]
+    column = np.repeat(np.arange(n), np.diff(matrix.indptr))
+    sums, sizes = np.zeros(n), np.zeros(n)
+    sums += np.bincount(column, entries, n)
+    sizes += np.bincount(column, np.abs(entries), n)
+    return sums, sizes
+
+
+def _multiply_symmetric(upper: sparse.csc_matrix, x: Array) -> tuple[Array, Array]:
+    """Return P x and |P| |x| from the upper triangle of P."""
+    n = len(x)
+    column = np.repeat(np.arange(n), np.diff(upper.indptr))
+    mirrored = np.where(column == upper.indices, 0.0, upper.data)
+    by_row, by_column = upper.data * x[column], mirrored * x[upper.indices]
+    product = np.bincount(upper.indices, by_row, n) + np.bincount(column, by_column, n)
+    size = np.bincount(upper.indices, np.abs(by_row), n)
+    return product, size + np.bincount(column, np.abs(by_column), n)
 
 
 def _stack_cones(balls: Any) -> tuple[sparse.csr_matrix, Array]:

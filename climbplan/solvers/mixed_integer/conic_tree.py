@@ -21,6 +21,7 @@ from climbplan.arrays import Array, IntArray
 from climbplan.program.instance import Instance
 from climbplan.program.row_propagation import ElementwiseRange, RowPropagation
 from climbplan.progress import report_search
+from climbplan.solvers.mixed_integer.certification import SplitTree
 from climbplan.solvers.mixed_integer.conic_relaxation import ConicRelaxation, NodeSolution
 from climbplan.solvers.result import FEASIBILITY, relative_gap
 
@@ -45,6 +46,7 @@ class _ConicNode:
     lower: Array = field(compare=False)  # (n,)
     upper: Array = field(compare=False)
     x: Array = field(compare=False)  # (n,) solution of the relaxation
+    place: int = field(compare=False, default=0)  # of the node in `ConicTree.splits`
 
 
 @dataclass
@@ -100,6 +102,7 @@ class ConicTree:
         self._open: list[_ConicNode] = []
         self._numbers = count()
         self._pruned_bound = np.inf  # least bound of nodes that were pruned by the gap
+        self.splits = SplitTree()
         self._tried: set[bytes] = set()
         self._next_dive = _DIVE
         shape = (2, instance.size)
@@ -259,6 +262,7 @@ class ConicTree:
             self._pruned_bound = min(self._pruned_bound, node.bound)  # numerically stuck
             return None
         children: list[_ConicNode] = []
+        places = self.splits.append(node.place, j, float(np.floor(value)))
         for direction in (0, 1):
             lower, upper = node.lower.copy(), node.upper.copy()
             distance = value - np.floor(value)
@@ -269,6 +273,7 @@ class ConicTree:
             child = self._solve_child(node, lower, upper)
             if child is None:
                 continue
+            child.place = places[direction]
             self._costs.update(direction, j, max(child.bound - node.bound, 0.0), distance)
             children.append(child)
         children.sort()

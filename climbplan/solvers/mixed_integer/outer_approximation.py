@@ -17,15 +17,18 @@ import numpy as np
 from scipy import sparse
 
 from climbplan.arrays import Array
+from climbplan.certificates.certificate import Certificate
 from climbplan.errors import UsageError
 from climbplan.program.instance import Balls, Instance
 from climbplan.progress import hide_searches, report_search
 from climbplan.solvers.convex.clarabel import ClarabelSession
 from climbplan.solvers.highs.instances import solve_highs
+from climbplan.solvers.mixed_integer.certification import certify_splits, compute_proof_deadline
 from climbplan.solvers.mixed_integer.conic_tree import ConicTree
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
 from climbplan.solvers.result import (
     FEASIBILITY,
+    MIN_OBJECTIVE_SCALE,
     Answer,
     SolverResult,
     judge_answer,
@@ -35,6 +38,7 @@ from climbplan.solvers.separable_cost import factor_cost
 
 NAME = "branch-and-bound"
 _MAX_ROUNDS = 200
+_SHORTFALL = 1e-7  # relative amount by which leaves may fall short of the tree's bound
 _MASTER_GAP = 0.3  # fraction of the gap that master programs may leave
 _MASTER_TOLERANCE = 1e-6  # of rows at points that give integers and tangents only
 _ACTIVE = 1e-6  # relative distance from a cone's boundary within which it gets a tangent
@@ -52,6 +56,8 @@ class ConicSearch:
     tolerance: float = FEASIBILITY
     points: list[Array] = field(default_factory=list)
     start: Array | None = None  # last incumbent
+    proves: bool = False  # whether the tree alone solves, and writes a certificate
+    certificate: Certificate | None = None  # of the last program
     is_relaxation_unbounded: bool = False  # of the last program
 
     def solve(self, instance: Instance, time_limit: float = np.inf) -> SolverResult:
@@ -67,11 +73,13 @@ class ConicSearch:
         deadline = begin + time_limit
         tree = ConicTree(instance, self.gap, self.tolerance, self.start)
         half = begin + _TREE_TIME * time_limit if np.isfinite(time_limit) else np.inf
-        tree.run(half, _TREE_NODES)
+        tree.run(deadline if self.proves else half, _UNLIMITED if self.proves else _TREE_NODES)
         self.is_relaxation_unbounded = tree.root == "unbounded"
         log: tuple[str, ...] = ()
         bound, incumbent, nodes = tree.bound, tree.incumbent, tree.num_nodes
-        if not tree.is_finished and not self.is_relaxation_unbounded:
+        if self.proves:
+            self.certificate = _certify(instance, tree, begin, deadline)
+        elif not tree.is_finished and not self.is_relaxation_unbounded:
             bound, incumbent, nodes, log = self._solve_masters(instance, tree, deadline)
             if incumbent is None or relative_gap(instance.objective(incumbent), bound) > self.gap:
                 tree.run(deadline, _UNLIMITED)
@@ -143,6 +151,16 @@ class ConicSearch:
             master, _MASTER_GAP * self.gap, time_limit, max(self.tolerance, _MASTER_TOLERANCE)
         )
         return replace(result, x=None if result.x is None else result.x[: instance.size])
+
+
+def _certify(instance: Instance, tree: ConicTree, begin: float, deadline: float) -> Certificate:
+    """Certify the bound of a tree, as far as it has come."""
+    required_bound, cost = tree.bound, tree.cost
+    if np.isfinite(cost):
+        closed = cost - tree.gap * max(abs(cost), MIN_OBJECTIVE_SCALE)
+        required_bound = min(closed, required_bound - _SHORTFALL * max(1.0, abs(required_bound)))
+    proof_deadline = compute_proof_deadline(begin, deadline)
+    return certify_splits(instance, tree.splits, required_bound, proof_deadline)
 
 
 def solve_conic(

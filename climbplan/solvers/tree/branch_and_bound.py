@@ -96,7 +96,7 @@ def solve_branch_and_bound(
     return judge_answer(instance, answer, gap, tolerance)
 
 
-def _is_conic(instance: Instance) -> bool:
+def is_conic(instance: Instance) -> bool:
     """Return whether only integers are beyond a convex program with second-order cones."""
     beyond = instance.features & {"choices", "implications", "products"}
     return "cones" in instance.features and not beyond
@@ -109,7 +109,7 @@ def _load_compiled_tree(instance: Instance, nodes: float) -> Callable[..., Solve
     from climbplan.solvers.mixed_integer.outer_approximation import solve_conic
     from climbplan.solvers.mixed_integer.spatial_method import solve_spatial
 
-    if _is_conic(instance):  # which takes neither proposals nor known results
+    if is_conic(instance):  # which takes neither proposals nor known results
         return lambda instance, gap, time_limit, tolerance, **_: solve_conic(
             instance, gap, time_limit, tolerance
         )

@@ -1,0 +1,133 @@
+"""Bounds of programs with second-order cones: from any multipliers, and with certificates."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import clarabel
+import numpy as np
+import pytest
+from scipy import sparse
+
+from climbplan.certificates.checker import check
+from climbplan.program import Program
+from climbplan.program.instance import Instance
+from climbplan.solvers.mixed_integer.conic_relaxation import ConicRelaxation, _NodeProgram
+from climbplan.solvers.mixed_integer.outer_approximation import ConicSearch
+
+GAP = 1e-4
+
+
+def random_cones(seed: int, is_open: bool = False) -> Instance:
+    """A regression with switches and integer offsets; every fourth has no feasible point.
+
+    Where it is open, the limit of a cone has no upper bound, and only its cost keeps it small.
+    """
+    rng = np.random.default_rng([seed, 11])
+    n, m = int(rng.integers(2, 5)), int(rng.integers(1, 3))
+    p = Program(f"cones{seed}")
+    x = p.continuous("x", (n,), -3.0, 3.0)
+    z, y = p.binary("z", (n,)), p.integer("y", (m,), -4.0, 4.0)
+    t = p.continuous("t", (1,), 0.0, np.inf if is_open else 100.0)
+    A, B = rng.normal(size=(n + 2, n)), rng.normal(size=(n + 2, m))
+    p.cone("fit", (A @ x + B @ y - 2.0 * rng.normal(size=n + 2))[None], t)
+    p.between("upper", x - 3.0 * z, -np.inf, 0.0)
+    p.between("lower", x + 3.0 * z, 0.0, np.inf)
+    p.between("count", np.array([np.sum(z)]), 0.0, n // 2 + 1)
+    centre = rng.normal(size=n) + (5.0 if seed % 4 == 3 else 0.0)
+    p.cone("near", (x - centre)[None], np.array([1.5 + 0.1 * np.sum(y)]))
+    p.minimise("cost", t[0] + rng.random(n) @ z)
+    if seed % 2:
+        p.minimise("curved", np.sum((x - 1.0) ** 2))
+    return p.instantiate()
+
+
+@pytest.mark.parametrize("is_open", [False, True])
+@pytest.mark.parametrize("seed", range(8))
+def test_searches_of_cones_are_proved(seed: int, is_open: bool) -> None:
+    instance = random_cones(seed, is_open)
+    search = ConicSearch(GAP, proves=True)
+    result = search.solve(instance, 60.0)
+    assert search.certificate is not None
+    verdict = check(instance, search.certificate)
+    assert not verdict.faults
+    if result.status == "infeasible":
+        assert verdict.bound == np.inf
+        assert verdict.margin > 0.0
+        return
+    assert result.status == "optimal"
+    assert result.objective is not None
+    scale = max(1.0, abs(result.objective))
+    assert verdict.bound <= result.objective + 1e-7 * scale
+    assert verdict.bound >= result.objective - 1.01 * GAP * scale
+
+
+def test_programs_are_of_both_kinds() -> None:
+    statuses = {ConicSearch(GAP).solve(random_cones(seed), 60.0).status for seed in range(8)}
+    assert statuses == {"optimal", "infeasible"}
+
+
+def test_a_search_without_end_proves_what_it_has() -> None:
+    instance = random_cones(1)
+    search = ConicSearch(GAP, proves=True)
+    best = search.solve(instance, 60.0)
+    early = ConicSearch(GAP, proves=True)
+    early.solve(instance, 0.0)
+    assert best.objective is not None
+    for certificate in (search.certificate, early.certificate):
+        assert certificate is not None
+        assert check(instance, certificate).bound <= best.objective + 1e-7
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_any_multipliers_bound_the_relaxation(seed: int) -> None:
+    """Weak duality, also with multipliers outside the dual cone and points elsewhere."""
+    instance = replace(random_cones(seed), integer=np.zeros(random_cones(seed).size, bool))
+    relaxation = ConicRelaxation(instance)
+    solution = relaxation.solve(instance.lower, instance.upper)
+    exact = relaxation.solve_exactly(instance.lower, instance.upper, 1e-6)
+    if exact is None:
+        assert solution.status == "infeasible"
+        return
+    value = instance.objective(exact)
+    assert solution.bound <= value + 1e-9
+    assert solution.bound >= value - 1e-6 * max(1.0, abs(value))
+    program = _NodeProgram(
+        P=sparse.csc_matrix(sparse.triu(instance.P)),
+        q=instance.q,
+        A=sparse.csc_matrix(relaxation._M),
+        b=np.where(np.isfinite(relaxation._b), relaxation._b, 0.0),
+        num_equal=relaxation._num_equal,
+        num_linear=relaxation._num_linear + 2 * instance.size,
+        num_bounds=2 * instance.size,
+        cone_sizes=relaxation._cone_sizes,
+    )
+    rng = np.random.default_rng(seed)
+    for _ in range(200):
+        z, point = rng.normal(size=len(program.b)), rng.normal(size=instance.size)
+        bound = program.evaluate(z, point, instance.lower, instance.upper)
+        assert bound + instance.constant <= value + 1e-9
+
+
+def test_a_wrong_claim_of_the_solver_is_not_taken_over(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A dual value that multipliers do not prove is no bound, an unproved ray no infeasibility."""
+    instance = random_cones(0)
+    relaxation = ConicRelaxation(instance)
+    honest = relaxation.solve(instance.lower, instance.upper)
+    solve = _NodeProgram.solve
+
+    class Claim:
+        def __init__(self, answer: object, status: object) -> None:
+            self.x, self.z = np.array(answer.x), 0.9 * np.array(answer.z)  # type: ignore[attr-defined]
+            self.obj_val_dual, self.status = 1e3, status
+
+    monkeypatch.setattr(
+        _NodeProgram, "solve", lambda p, o: Claim(solve(p, o), clarabel.SolverStatus.Solved)
+    )
+    assert relaxation.solve(instance.lower, instance.upper).bound <= honest.bound + 1e-6
+    monkeypatch.setattr(
+        _NodeProgram,
+        "solve",
+        lambda p, o: Claim(solve(p, o), clarabel.SolverStatus.PrimalInfeasible),
+    )
+    assert relaxation.solve(instance.lower, instance.upper).status != "infeasible"

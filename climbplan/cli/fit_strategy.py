@@ -127,8 +127,7 @@ def _compare(
 
     comparison = compare_strategy(
         load_problem(problem),
-        path,
-        stored.model.kind,
+        stored.model,
         count,
         seed=stored.seed,
         report=lambda fraction: progress.report("compare", fraction),
@@ -164,8 +163,13 @@ def _summary(stored: ModelFile) -> list[str]:
         accuracy = f"{evaluation['problems']} rows held out, right one among the first {shares}"
         lines.append(f"{'measure':<9} {'':<9} {stored.timings['measure']:.2f} s   {accuracy}")
     if "comparison" in fit:
-        seconds = f"{fit['comparison']['strategy_seconds']:.2g} s"
-        against = f"{fit['comparison']['default_seconds']:.2g} s by the default method"
-        lines.append(f"{'compare':<9} {'':<9} {seconds} against {against} (medians)")
+        seconds = {
+            key: f"{fit['comparison'][f'{key}_seconds']:.2g} s"
+            for key in ("default", "integers_first", "strategy")
+        }
+        lines.append(
+            f"{'compare':<9} {'':<9} default {seconds['default']}, with learned integers first "
+            f"{seconds['integers_first']}, strategy alone {seconds['strategy']} (medians)"
+        )
         lines.append(f"{'verdict':<9} {fit['comparison']['verdict']}")
     return lines

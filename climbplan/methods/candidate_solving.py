@@ -69,7 +69,12 @@ def drop_duplicates(candidates: Sequence[Candidate], instance: Instance) -> tupl
     """Return the candidates in order, without those that repeat an earlier one's integers."""
     first: dict[bytes, Candidate] = {}
     for candidate in candidates:
-        integers = np.round(candidate.values[instance.integer]).astype(np.int64)
-        key = np.concatenate([integers, np.asarray(candidate.alternatives, np.int64)]).tobytes()
+        key = build_integer_key(instance, candidate.values, candidate.alternatives)
         first.setdefault(key, candidate)
     return tuple(first.values())
+
+
+def build_integer_key(instance: Instance, x: Array, alternatives: IntArray) -> bytes:
+    """Return what is equal for points (n,) with the same integers and alternatives (C,)."""
+    integers = np.round(x[instance.integer]).astype(np.int64)
+    return np.concatenate([integers, np.asarray(alternatives, np.int64)]).tobytes()

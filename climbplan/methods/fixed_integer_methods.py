@@ -11,7 +11,7 @@ from climbplan.arrays import Array
 from climbplan.errors import UsageError
 from climbplan.learning.library import Library
 from climbplan.learning.strategy import Candidate
-from climbplan.methods.candidate_solving import candidate_at, drop_duplicates
+from climbplan.methods.candidate_solving import build_integer_key, candidate_at, drop_duplicates
 from climbplan.methods.envelope_rounds import build_default_partitions
 from climbplan.methods.pipeline import CheckedPoint
 from climbplan.methods.reduced_programs import ReducedPrograms
@@ -22,6 +22,8 @@ from climbplan.program.problem import Problem
 from climbplan.reformulations.grids import Partition
 from climbplan.reformulations.mccormick import McCormick
 from climbplan.solvers.ipopt.instances import compute_box_center
+from climbplan.solvers.registry import require
+from climbplan.solvers.tree.branch_and_bound import solve_branch_and_bound
 
 NEEDS_MODEL = ("forest", "boosting", "network", "reduce")
 REDUCED = "reduced programs"  # what `Kept` has them by
@@ -63,13 +65,50 @@ def create_learned_method(method: Method) -> Callable[[Task], Outcome]:
                 f"method {method!r} needs a trained model: a model file of `climbplan fit-strategy`"
             )
         has_model = settings.model is not None
-        return solve_candidates(
-            task,
-            task.find_neighbours(method),
-            lambda k, c: f"candidate {k + 1} ({method})" if has_model else format_origin(k, c),
-        )
+
+        def format_candidate(place: int, candidate: Candidate) -> str:
+            if has_model:
+                return f"candidate {place + 1} ({method})"
+            return format_origin(place, candidate)
+
+        candidates = task.find_neighbours(method)
+        if _is_for_compiled_tree(task):
+            return _try_at_root(task, candidates, format_candidate)
+        return solve_candidates(task, candidates, format_candidate)
 
     return solve
+
+
+def _is_for_compiled_tree(task: Task) -> bool:
+    """Return whether the compiled tree, one node of it, is the quickest way to try candidates."""
+    features = task.instance.features
+    return (
+        task.settings.solver is None
+        and task.problem.check is None  # candidates that it rejects must not win
+        and bool(features & {"integers", "implications"})
+        and not features & {"products", "cones"}
+        and features <= require("branch-and-bound").accepts
+    )
+
+
+def _try_at_root(
+    task: Task, candidates: tuple[Candidate, ...], origin: Callable[[int, Candidate], str]
+) -> Outcome:
+    """Try the integers of candidates at the root of the compiled tree, whose bound is valid."""
+    settings, instance = task.settings, task.instance
+    result = solve_branch_and_bound(
+        instance, settings.gap, task.time_left, settings.tolerance, nodes=1, proposals=candidates
+    )
+    winner = ""
+    if result.x is not None and result.assignment is not None:
+        key = build_integer_key(instance, result.x, result.assignment)
+        winners = (
+            origin(k, candidate)
+            for k, candidate in enumerate(candidates)
+            if build_integer_key(instance, candidate.values, candidate.alternatives) == key
+        )
+        winner = next(winners, "relaxation")
+    return Outcome(result, winner, len(candidates))
 
 
 def solve_reduced(task: Task) -> Outcome:

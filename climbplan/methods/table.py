@@ -107,7 +107,8 @@ def solve_instance(
         outcome, method = _solve_by_tree_or_mccormick(task)
     else:
         outcome = _METHODS[method](task)
-    if method in LEARNED and outcome.result.x is None and settings.fallback is not None:
+    has_answer = outcome.result.x is not None or outcome.result.status == "infeasible"
+    if method in LEARNED and not has_answer and settings.fallback is not None:
         outcome = _solve_by_fallback(task, method, settings.fallback, outcome)
     result = outcome.result if outcome.checked else task.apply_own_check(outcome.result)
     duration = time.perf_counter() - begin
@@ -139,11 +140,18 @@ def _select_method(instance: Instance, settings: MethodSettings) -> Method:
 
     `mccormick` is selected for more products than the tree, whose matrices are dense, solves fast,
     and for mixed-integer linear programs, which HiGHS then solves. SCIP alone bounds costs that are
-    not convex.
+    not convex. With a model or a strategy it is the tree, which tries their integers first, or the
+    model's own method where the tree does not support the statement.
     """
-    if not is_convex(instance.P):
+    is_convex_cost = is_convex(instance.P)
+    is_for_tree = instance.features <= require("branch-and-bound").accepts and is_convex_cost
+    if settings.model is not None or settings.strategy is not None:
+        if is_for_tree:
+            return "branch-and-bound"
+        return "knn" if settings.model is None else settings.model.kind
+    if not is_convex_cost:
         return "minlp-scip"
-    uses_tree = instance.features <= require("branch-and-bound").accepts and settings.solver is None
+    uses_tree = is_for_tree and settings.solver is None
     if uses_tree and instance.products.count > _MAX_PRODUCTS:
         uses_tree = state_cones(instance).products.count <= _MAX_PRODUCTS
     is_linear = instance.features <= _LINEAR and not instance.P.count_nonzero()

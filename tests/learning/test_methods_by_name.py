@@ -202,11 +202,56 @@ def test_knn_falls_back_only_where_no_candidate_holds() -> None:
     frame = ProgramSignature.of(problem.program)
     bad = Library.of(frame, np.zeros((1, 1)), np.array([[1.0, 1.0]]), np.zeros(1))
     theta = {"least": np.array([0.5])}
-    answer = solve_instance(problem, theta, "knn", MethodSettings(library=bad))
+    settings = MethodSettings(library=bad, solver="clarabel")
+    answer = solve_instance(problem, theta, "knn", settings)
     assert answer.winner == "fallback minlp-scip"
     assert answer.result.x is not None
-    alone = solve_instance(problem, theta, "knn", MethodSettings(library=bad, fallback=None))
+    alone = solve_instance(problem, theta, "knn", replace(settings, fallback=None))
     assert alone.result.status == "limit"
+
+
+def switched() -> Program:
+    """Each of six quantities is 1 at a price or 0; the cost is least between."""
+    p = Program("switched")
+    goal = p.parameter("goal", (6,))
+    x, z = p.continuous("x", (6,), 0.0, 1.0), p.binary("z", (6,))
+    p.when("on", z, x, lower=0.8)
+    p.when("off", z, x, upper=0.2, value=False)
+    p.between("few", x.sum(), 1.5, 3.0)
+    p.minimise("cost", np.sum((x - goal) ** 2) + 0.1 * np.sum(z))
+    return p
+
+
+def test_candidates_of_a_convex_problem_are_tried_at_the_root() -> None:
+    problem = Problem("switched", switched())
+    rng = np.random.default_rng(0)
+    theta = {"goal": rng.uniform(0.3, 0.7, 6)}
+    best = solve_instance(problem, theta)
+    frame = ProgramSignature.of(problem.program)
+    right, wrong = best.result.x, np.zeros(12)
+    assert right is not None
+    both = Library.of(frame, np.array([[0.0] * 6, [1.0] * 6]), np.array([wrong, right]), np.zeros(2))
+    answer = solve_instance(problem, theta, "knn", MethodSettings(library=both, fallback=None))
+    assert answer.winner == "neighbour 2 (row 1)" or answer.winner == "neighbour 1 (row 1)"
+    assert answer.tried == 2
+    assert answer.result.objective == pytest.approx(best.result.objective)
+    assert np.isfinite(answer.result.bound)
+    assert answer.result.bound <= answer.result.objective + 1e-9
+    refused = replace(problem, check=lambda theta, values: {"never": 1.0})
+    alone = solve_instance(refused, theta, "knn", MethodSettings(library=both, fallback=None))
+    assert alone.result.x is None
+
+
+def test_auto_with_a_model_tries_its_integers_first_and_proves() -> None:
+    problem = islands_problem(False)
+    solved = library(problem)
+    columns = select_solution_columns(problem.instance({"goal": np.zeros(2)}))
+    model = fit_strategy(solved, FitOptions(kind="knn"), columns)
+    theta = {"goal": np.array([1.0, 0.5])}
+    answer = solve_instance(problem, theta, "auto", MethodSettings(model=model))
+    assert answer.method == "branch-and-bound"
+    assert answer.tried > 1
+    assert answer.result.status == "optimal"
 
 
 @pytest.mark.parametrize("solver", ["ipopt", "sqp"])

@@ -128,8 +128,9 @@ class ProgramSolverSpec(SpecModel):
     )
     model: ModelFileSpec | None = Field(
         default=None,
-        description="trained strategy; `forest`, `boosting`, `network`, `reduce` need it, `knn` "
-        "takes it in place of a library",
+        description="trained strategy: `auto` and `branch-and-bound` try its integers first and "
+        "prove the optimum; `forest`, `boosting`, `network`, `reduce` need it, `knn` takes it in "
+        "place of a library, and they try nothing else",
     )
     neighbours: Count | None = quantity(
         "",

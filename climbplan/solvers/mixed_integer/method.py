@@ -82,7 +82,8 @@ class WarmStartedTree(WarmStartedSolver):
     ) -> SolverResult:
         """Find the global optimum of an instance, as `solve_mixed_integer` does.
 
-        With proposals the limit of dual steps ends a tree only once it has an incumbent.
+        With proposals the limit of dual steps ends a tree only once it has an incumbent, and the
+        root, which tries them, is always processed.
 
         Args:
             instance: Instance without products and smooth rows.
@@ -114,6 +115,7 @@ class WarmStartedTree(WarmStartedSolver):
         if proposals:
             points = np.stack([form.encode_point(p.values, p.alternatives) for p in proposals])
             run.propose(np.round(points[:, program.entities]).astype(np.int64))
+            nodes = max(nodes, 1)
         deadline = begin + time_limit
         if leaves is not None and warm_started:
             run.run_until(deadline, min(nodes, WarmStart.compute_node_limit(leaves)))

@@ -118,3 +118,9 @@ def problem() -> Problem:
 def springs() -> Problem:
     """Walls without damping: a mixed-integer quadratic program."""
     return Problem("cart_pole_springs", cart_pole(), random_theta, contact_features)
+
+
+def long_springs() -> Problem:
+    """The same over 30 steps, where branch and bound takes long without learned integers."""
+    program = cart_pole(horizon=3 * HORIZON)
+    return Problem("cart_pole_long", program, random_theta, contact_features)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from benchmarks.running import Results, Run, Seed, benchmark, name_option, number_option
 
@@ -35,6 +36,34 @@ def engine(run: Run, seed: Seed = 0) -> None:
     from benchmarks.engine.run import run_engine
 
     run_engine(seed, run.quick, run.stream)
+
+
+@benchmark()
+def learned(
+    run: Run,
+    seed: Seed = 0,
+    solved: Annotated[
+        int | None, number_option("--solved", "Problems to learn from [200; quick 8].", 2)
+    ] = None,
+    count: Annotated[
+        int | None, number_option("--count", "New problems to compare by [20; quick 2].")
+    ] = None,
+    sorts: Annotated[
+        str | None, name_option("--sorts", "NAMES", "Sorts of problems, by commas [all].")
+    ] = None,
+) -> Mapping[str, Any]:
+    """Learned strategies against the default method, with a proof and alone."""
+    from benchmarks.engine.learned import run_learned
+
+    return run_learned(
+        seed,
+        run.quick,
+        run.stream,
+        solved=solved,
+        compared=count,
+        sorts=sorts,
+        report=run.report,
+    )
 
 
 @benchmark()

@@ -18,7 +18,6 @@ import numpy as np
 from benchmarks.engine.cuts import run_cuts
 from benchmarks.engine.daqp_mode import solve_daqp_mode
 from benchmarks.engine.flyers import run_flyers
-from benchmarks.engine.learned import run_learned
 from benchmarks.engine.products import run_products
 from benchmarks.engine.remembering import run_remembering
 from benchmarks.engine.ticks import run_ticks
@@ -59,7 +58,7 @@ class _Column:
 
 
 def run_engine(seed: int, quick: bool, stream: TextIO) -> None:
-    """Print a table for each noise, then walls, cuts, free-flyers, learned ones, products."""
+    """Print a table for each noise, then walls, cuts, free-flyers, products."""
     print(
         "noise   engine             problems  proved  median [ms]   99 % [ms]  nodes   99 %  "
         "of the tree   cost off by",
@@ -80,7 +79,6 @@ def run_engine(seed: int, quick: bool, stream: TextIO) -> None:
     run_ticks(seed, quick, stream)
     run_cuts(seed, quick, stream)
     run_flyers(seed, quick, stream)
-    run_learned(seed, quick, stream)
     run_products(seed, quick, stream)
     run_remembering(seed, quick, stream)
 

@@ -78,11 +78,11 @@ class StrategyComparison:
     default_method: str
     problems: tuple[ComparedProblem, ...]
 
-    def summarise(self, way: str) -> WaySummary:
-        """Return the summary of a way: "default", "proposed" or "alone"."""
-        attempts: list[Attempt] = [getattr(problem, way) for problem in self.problems]
+    def summarise(self, approach: str) -> WaySummary:
+        """Return the summary of an approach: "default", "proposed" or "alone"."""
+        attempts: list[Attempt] = [getattr(problem, approach) for problem in self.problems]
         ratios = [
-            _compute_cost_ratio(getattr(problem, way).cost, problem.default.cost)
+            _compute_cost_ratio(getattr(problem, approach).cost, problem.default.cost)
             for problem in self.problems
         ]
         default_seconds = np.median([problem.default.seconds for problem in self.problems])
@@ -129,8 +129,8 @@ class StrategyComparison:
             "problems": len(self.problems),
             "default_seconds": default.seconds,
         }
-        for way, name in (("proposed", "integers_first"), ("alone", "strategy")):
-            summary = self.summarise(way)
+        for approach, name in (("proposed", "integers_first"), ("alone", "strategy")):
+            summary = self.summarise(approach)
             ratio = summary.worst_cost_ratio
             values[f"{name}_seconds"] = summary.seconds
             values[f"{name}_answered"] = summary.answered
@@ -173,13 +173,13 @@ def compare_strategy(
     if problem.sample is None:
         raise UsageError(f"problem {problem.name!r} has no sampler, which draws new problems")
     rng = np.random.default_rng(seed)
-    plain = MethodSettings(time_limit=time_limit)
+    unaided = MethodSettings(time_limit=time_limit)
     learned = MethodSettings(time_limit=time_limit, model=model, fallback=None)
     proposed_cache, alone_cache = SharedCache(), SharedCache()
     compared = []
     for number in range(count + 1):
         theta = problem.sample_parameters(rng)
-        default = _attempt(problem, theta, default_method, plain, SharedCache())
+        default = _attempt(problem, theta, default_method, unaided, SharedCache())
         proposed = _attempt(problem, theta, default_method, learned, proposed_cache)
         alone = _attempt(problem, theta, model.kind, learned, alone_cache)
         compared.append(

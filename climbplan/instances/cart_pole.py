@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import solve_discrete_are
 
+from climbplan.arrays import Array
 from climbplan.program.problem import Problem
 from climbplan.program.statement import Program
 
@@ -80,4 +81,10 @@ def build_walled_cart_pole(horizon: int = HORIZON) -> Problem:
     p.minimise("state", sum(row @ Q @ row for row in x[:-1]))
     p.minimise("input", R[0, 0] * np.sum(u**2))
     p.minimise("terminal", x[-1] @ terminal @ x[-1])
-    return Problem("walled_cart_pole", p)
+    return Problem("walled_cart_pole", p, sample_push)
+
+
+def sample_push(rng: np.random.Generator) -> dict[str, Array]:
+    """Draw the state after a push of random strength towards the right wall."""
+    start = rng.uniform(0.2, 0.9) * PUSHED + 0.05 * rng.normal(size=4) * MAX_STATE
+    return {"start": np.clip(start, -MAX_STATE, MAX_STATE)}

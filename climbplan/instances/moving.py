@@ -10,7 +10,7 @@ import numpy as np
 from climbplan.bookshelf.scene.generator import build_drop_shelf, generate_scene
 from climbplan.bookshelf.statement.points import build_theta
 from climbplan.bookshelf.statement.shelf_problem import build_shelf_problem
-from climbplan.instances.cart_pole import MAX_STATE, PUSHED, build_walled_cart_pole
+from climbplan.instances.cart_pole import build_walled_cart_pole
 from climbplan.instances.climbing import build_linear_instance
 from climbplan.limms.consensus.mixed_integer import MixedIntegerBlock
 from climbplan.limms.consensus.problem import build_problem
@@ -43,9 +43,8 @@ def build_book_instance(rng: np.random.Generator, stored: int) -> Instance:
 
 def build_cart_pole_instance(rng: np.random.Generator, steps: int) -> Instance:
     """Build a pole between soft walls after a random push (arXiv 1912.01110)."""
-    start = rng.uniform(0.2, 0.9) * PUSHED + 0.05 * rng.normal(size=4) * MAX_STATE
     problem = build_walled_cart_pole(steps)
-    return problem.instance({"start": np.clip(start, -MAX_STATE, MAX_STATE)})
+    return problem.instance(problem.sample_parameters(rng))
 
 
 def build_walk_instance(rng: np.random.Generator, knots: int) -> Instance:

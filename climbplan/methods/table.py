@@ -107,8 +107,7 @@ def solve_instance(
         outcome, method = _solve_by_tree_or_mccormick(task)
     else:
         outcome = _METHODS[method](task)
-    has_answer = outcome.result.x is not None or outcome.result.status == "infeasible"
-    if method in LEARNED and not has_answer and settings.fallback is not None:
+    if method in LEARNED and settings.fallback is not None and _is_open(outcome):
         outcome = _solve_by_fallback(task, method, settings.fallback, outcome)
     result = outcome.result if outcome.checked else task.apply_own_check(outcome.result)
     duration = time.perf_counter() - begin
@@ -180,6 +179,11 @@ def _solve_by_tree_or_mccormick(task: Task) -> tuple[Outcome, Method]:
     ):
         return tree_outcome, "branch-and-bound"
     return mccormick_outcome, "mccormick"
+
+
+def _is_open(outcome: Outcome) -> bool:
+    """Return whether an outcome is neither an answer nor a proof that there is none."""
+    return outcome.result.x is None and outcome.result.status != "infeasible"
 
 
 def _solve_by_fallback(task: Task, method: Method, fallback: Method, outcome: Outcome) -> Outcome:

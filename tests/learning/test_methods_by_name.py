@@ -230,7 +230,9 @@ def test_candidates_of_a_convex_problem_are_tried_at_the_root() -> None:
     frame = ProgramSignature.of(problem.program)
     right, wrong = best.result.x, np.zeros(12)
     assert right is not None
-    both = Library.of(frame, np.array([[0.0] * 6, [1.0] * 6]), np.array([wrong, right]), np.zeros(2))
+    both = Library.of(
+        frame, np.array([[0.0] * 6, [1.0] * 6]), np.array([wrong, right]), np.zeros(2)
+    )
     answer = solve_instance(problem, theta, "knn", MethodSettings(library=both, fallback=None))
     assert answer.winner == "neighbour 2 (row 1)" or answer.winner == "neighbour 1 (row 1)"
     assert answer.tried == 2

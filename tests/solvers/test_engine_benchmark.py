@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.engine import cuts, flyers, learned, products, remembering, ticks
 from benchmarks.engine import run as benchmark
+from climbplan.errors import UsageError
 
 
 @pytest.mark.slow
@@ -16,7 +17,7 @@ def test_every_contender_proves_the_same_cost(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(benchmark, "_STEPS", 3)
     monkeypatch.setattr(benchmark, "_QUICK", 1)
     monkeypatch.setattr(benchmark, "_NOISE", (0.001,))
-    others = ("ticks", "cuts", "flyers", "learned", "products", "remembering")  # of the next tests
+    others = ("ticks", "cuts", "flyers", "products", "remembering")  # of the next tests
     for table in others:
         monkeypatch.setattr(benchmark, f"run_{table}", lambda *_: None)
     stream = io.StringIO()
@@ -52,17 +53,19 @@ def test_free_flyers_have_the_same_cost_by_every_contender(monkeypatch: pytest.M
         assert float(row[-1]) < 2e-3
 
 
-@pytest.mark.slow
-def test_learned_integers_are_feasible_and_proved_ones_optimal(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(learned, "QUICK", (1, 60, 6))
+def test_learned_integers_keep_the_proof() -> None:
     stream = io.StringIO()
-    learned.run_learned(0, True, stream)
-    rows = [line.rsplit(maxsplit=7) for line in stream.getvalue().splitlines()[3:]]
-    assert [row[0] for row in rows] == ["tree, cold", "tree, learned", "learned alone"]
-    assert all(row[2] == "100%" for row in rows)  # feasible
-    assert [row[3] for row in rows[:2]] == ["100.0%", "100.0%"]  # within 1 %
+    figures = learned.run_learned(0, True, stream, solved=6, compared=2, sorts="cart-pole-10")
+    rows = {row["way"]: row for row in figures["rows"]}
+    assert len(rows) == 1 + 2 * len(learned.KINDS)
+    for way, row in rows.items():
+        assert row["answered"] == 2 or way.endswith("alone")
+        assert row["proved"] == 2 or way.endswith("alone")
+        assert row["cpu_seconds"] > 0.0
+    assert rows["auto, knn first"]["worst_cost_ratio"] == pytest.approx(1.0, abs=2e-4)
+    assert "cart-pole-10  auto, knn first" in stream.getvalue()
+    with pytest.raises(UsageError, match="no sort walks: expected some of cart-pole-10"):
+        learned.run_learned(0, True, stream, sorts="walks")
 
 
 @pytest.mark.slow

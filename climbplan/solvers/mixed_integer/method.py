@@ -82,8 +82,7 @@ class WarmStartedTree(WarmStartedSolver):
     ) -> SolverResult:
         """Find the global optimum of an instance, as `solve_mixed_integer` does.
 
-        With proposals the limit of dual steps ends a tree only once it has an incumbent, and the
-        root, which tries them, is always processed.
+        With proposals the root is always processed, and work ends no tree without an incumbent.
 
         Args:
             instance: Instance without products and smooth rows.
@@ -115,8 +114,7 @@ class WarmStartedTree(WarmStartedSolver):
         if proposals:
             points = np.stack([form.encode_point(p.values, p.alternatives) for p in proposals])
             run.propose(np.round(points[:, program.entities]).astype(np.int64))
-            nodes = max(nodes, 1)
-        deadline = begin + time_limit
+        deadline, nodes = begin + time_limit, max(nodes, 1 if proposals else 0)
         if leaves is not None and warm_started:
             run.run_until(deadline, min(nodes, WarmStart.compute_node_limit(leaves)))
             if not run.is_finished and not run.has_used_budget and time.perf_counter() < deadline:

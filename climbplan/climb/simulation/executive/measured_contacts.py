@@ -20,6 +20,7 @@ _SLIDING_FRACTION = (
     0.95  # of the friction that a slipping toe had, which is taken for its surface's
 )
 _LARGEST_LOSS = 0.7  # of the friction before, in one slip: forces are measured while they change
+_MIN_TOES = 3  # that fix the body's pose
 _LOADED_FRACTION = 0.5  # of the force of a touch, with which a toe still counts as standing
 
 
@@ -61,12 +62,16 @@ class MeasuredContacts:
         self.force += weight * (force - self.force)
 
     def measure_pose(self, index: int, sample: int, angles: Array, touched: BoolArray) -> None:
-        """Update the body's pose by angles (N, J) of toes that have touched and are loaded."""
+        """Update the body's pose by angles (N, J) of toes that have touched and are loaded.
+
+        Toes whose load changes as planned are left out, as long as three others fix the pose.
+        """
         pressure = (self.force * self._schedule.normal[index]).sum(axis=1)
         is_loaded = touched & (pressure > _LOADED_FRACTION * self.touch_force)
-        self.pose.update(
-            sample, self._chains.place(angles), self._tables.trusted[sample] * is_loaded
-        )
+        trusted = self._tables.trusted[sample] * is_loaded
+        if trusted.sum() < _MIN_TOES:
+            trusted = is_loaded.astype(np.float64)
+        self.pose.update(sample, self._chains.place(angles), trusted)
 
     def measure_load(self, index: int, touched: BoolArray) -> None:
         """Update the load beside the planned one: the weight that toes bear, filtered."""

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
     import pandas
 
     from climbplan.api.loading import SpecSource
+    from climbplan.climb.simulation.executive.executive import ClimbExecutive
+    from climbplan.climb.simulation.executive.settings import ExecutiveSettings
     from climbplan.simulation.report_files import SimulationRecord
     from climbplan.verification.verification import Verification
 
@@ -391,6 +393,30 @@ class Plan(Group):
             Path(folder).mkdir(parents=True, exist_ok=True)
             write_simulation(record, Path(folder))
         return Simulation(record, tuple(lines))
+
+    def executive(self, settings: ExecutiveSettings | None = None) -> ClimbExecutive:
+        """Return what executes this climb or transition on a robot in closed loop.
+
+        Args:
+            settings: Thresholds of measurements; None for the defaults.
+
+        Returns:
+            The executive at the start of the plan. It takes joint angles and motor torques and
+            returns joint commands.
+
+        Raises:
+            UsageError: the plan is no climb or transition, or its robot has grippers, flat feet or
+                five-bar legs.
+        """
+        if self.kind not in ("climb", "transition"):
+            raise UsageError(
+                f"{self._path} is of kind {self.kind}: expected a climb or transition; walks have "
+                "a controller of their own"
+            )
+        from climbplan.climb.plan.file import read_climb
+        from climbplan.climb.simulation.executive.executive import ClimbExecutive
+
+        return ClimbExecutive(read_climb(self._path), settings=settings)
 
     report = RenamedAttribute("write_report")
 

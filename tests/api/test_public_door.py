@@ -36,6 +36,12 @@ def test_importing_it_imports_nothing_heavy() -> None:
     assert not set(listed(told.stdout)) & {"numpy", "casadi", "pydantic", "h5py", "scipy"}
 
 
+def test_a_plan_gives_its_executive(climb: Plan, tmp_path: Path) -> None:
+    executive = climb.executive()
+    assert executive.motor_command.shape == (6, 3)
+    assert not executive.finished
+
+
 def listed(text: str) -> list[str]:
     return [name.strip(" '[]\n") for name in text.split(",")]
 
@@ -182,6 +188,9 @@ def test_other_kinds(spec: str, array: str, shape: tuple[int, ...]) -> None:
     assert plan[array].shape == shape
     assert plan.verify().passed
     assert plan.to_csv().count("\n") > 1
+    if plan.kind == "bookshelf":
+        with pytest.raises(UsageError, match="bookshelf: expected a climb or transition"):
+            plan.executive()
 
 
 def test_a_problem_of_ones_own() -> None:

@@ -21,6 +21,7 @@ from climbplan.climb.simulation.executive.settings import (
     describe_event,
 )
 from climbplan.climb.simulation.executive.stance_forces import solve_stance_forces
+from climbplan.climb.simulation.model.mjcf import build_mjcf
 from climbplan.climb.simulation.replay import simulate
 from climbplan.climb.simulation.risk.estimation import (
     RiskEstimate,
@@ -32,7 +33,8 @@ from climbplan.climb.simulation.worlds.uncertainty import Uncertainty, build_lay
 from climbplan.errors import UsageError
 from climbplan.mechanics.stiffness import limb_compliance
 from climbplan.robots.kinematics import jacobian_world, standing_inverse, toe_world
-from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.conditions import Conditions, WeakMotor
+from climbplan.simulation.motors import compute_max_torque
 
 Planned = Callable[..., ClimbPlan]
 _STEP = 0.02  # [s]
@@ -173,6 +175,42 @@ def test_a_limb_that_still_carries_does_not_lift(planned: Planned) -> None:
         assert executive.time < 20.0
     assert "still carries" in executive.stopped
     assert executive.clock == pytest.approx(plan.trajectory.time[lift.sample])
+
+
+def test_motors_are_told_to_carry_their_links_too(planned: Planned) -> None:
+    executive = ClimbExecutive(plan := planned())
+    carried = (executive.motor_command - executive.command) * plan.robot.joint_stiffness
+    share = 1 - plan.robot.structural_compliance_share
+    np.testing.assert_allclose(carried * share, executive.gravity_torque[0], atol=1e-12)
+
+
+def test_poor_stances_keep_a_part_of_all_margins(planned: Planned) -> None:
+    plan = planned()
+    parts = [
+        solution.margin_fraction
+        for factor in (1.0, 0.8, 0.7, 0.6, 0.5)
+        if (
+            solution := solve_stance_forces(
+                plan, 0, plan.instants.toes[0], factor * plan.instants.mu[0], np.zeros(6)
+            )
+        )
+    ]
+    assert parts == sorted(parts, reverse=True)
+    assert parts[0] >= 1.0 > parts[-1]
+
+
+@pytest.mark.parametrize("engine_is_mujoco", [True, False])
+def test_a_weak_motor_gives_its_share_of_torque(planned: Planned, engine_is_mujoco: bool) -> None:
+    plan, weak = planned(), Conditions(weak_motors=(WeakMotor(2, 1, 0.6),))
+    expected = plan.robot.max_torque.copy()
+    expected[2, 1] *= 0.6
+    if engine_is_mujoco:
+        mujoco = pytest.importorskip("mujoco")
+        model = mujoco.MjModel.from_xml_string(build_mjcf(plan, weak))
+        limit = model.actuator_forcerange[: expected.size, 1].reshape(expected.shape)
+    else:
+        limit = compute_max_torque(plan.robot, weak)
+    np.testing.assert_allclose(limit, expected, rtol=1e-6)
 
 
 def test_readings_that_are_no_numbers_are_refused(planned: Planned) -> None:

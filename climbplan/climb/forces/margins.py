@@ -321,7 +321,7 @@ def _min_over_contacts(values: Array, contact: BoolArray) -> Array:
     return np.asarray(np.where(contact, values, np.inf).min(axis=1))
 
 
-_MARGIN_FIELDS = ("min_normal_force", "reserve", "min_penetration", "max_s", "min_stiffness_ratio")
+MARGIN_FIELDS = ("min_normal_force", "reserve", "min_penetration", "max_s", "min_stiffness_ratio")
 
 
 def _interpolate_margins(
@@ -329,7 +329,7 @@ def _interpolate_margins(
 ) -> ForceStatement:
     """Return the problems with a fraction (K,) of what is required beyond what is attained."""
     interpolated = {}
-    for name in _MARGIN_FIELDS:
+    for name in MARGIN_FIELDS:
         low, high = vars(attained)[name], vars(required)[name]
         weight = fraction if low.ndim == 1 else fraction[:, None]
         interpolated[name] = low + weight * (high - low)

@@ -40,6 +40,7 @@ from climbplan.control.joint_regulator import Corrections
 from climbplan.errors import UsageError
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.simulation.conditions import NOMINAL
+from climbplan.simulation.motors import compute_assumed_stiffness
 
 _BEFORE_TOUCH = 1e-6  # [s] at which the clock waits: until it has touched, a limb is in the air
 _RETURN_WINDOW = 0.2  # [s] after a lift, in which a returning limb may meet its surface
@@ -51,8 +52,8 @@ _LEAST_WAIT = 0.05  # [s] that is worth telling
 class ClimbExecutive:
     """A plan in execution, from joint angles and motor torques to joint commands.
 
-    N limbs of J joints. No simulator is involved: call `step` at 100 Hz or more until `finished`,
-    and go on calling it as long as the robot is to hold itself.
+    N limbs of J joints. No simulator is involved: call `step` at 100 Hz or more until `finished`
+    and send `motor_command`; go on as long as the robot is to hold itself.
     """
 
     def __init__(
@@ -82,6 +83,7 @@ class ClimbExecutive:
         self._tables = build_regulator_tables(plan)
         self._schedule = build_schedule(plan, self._settings.search_range)
         self.gravity_torque = compute_gravity_torques(plan, NOMINAL)  # (T, N, J) of links [N m]
+        self._carrying = self.gravity_torque / compute_assumed_stiffness(robot, NOMINAL)
         self.contacts = MeasuredContacts(plan, self._tables, self._schedule, self._settings, toes)
         self._corrections = Corrections(self._tables)
         if toes is not None:
@@ -121,6 +123,11 @@ class ClimbExecutive:
     def sample(self) -> int:
         """Sample of the plan at or before the clock."""
         return self._schedule.locate(self.clock)[0]
+
+    @property
+    def motor_command(self) -> Array:
+        """Joint commands (N, J) with what carries the links [rad]: what motors are to be told."""
+        return np.asarray(self.command + self._carrying[self.sample])
 
     @property
     def target_force(self) -> Array:

@@ -14,9 +14,14 @@ from typing import Any
 import numpy as np
 
 from climbplan.arrays import Array
-from climbplan.climb.forces.margins import MarginRequest, apply_margins, solve_with_margins
+from climbplan.climb.forces.margins import (
+    MARGIN_FIELDS,
+    MarginRequest,
+    apply_margins,
+    solve_with_margins,
+)
 from climbplan.climb.forces.solving import solve_forces
-from climbplan.climb.forces.statement import build_robot_forces
+from climbplan.climb.forces.statement import ForceStatement, build_robot_forces
 from climbplan.climb.plan.climb_plan import ClimbPlan, Instants
 from climbplan.climb.plan.played import START
 from climbplan.climb.schema.force import ForcePlannerSpec
@@ -31,7 +36,10 @@ _FORCE = ForcePlannerSpec(safety_friction=1.3)
 STANCE_MARGINS = MarginsSpec(
     normal_force=0.15, friction=0.1, slip=0.44, depth=0.005, torque=0.15, stiffness=0.28
 )
-_SLIPS = (0.64, 0.58, 0.52, 0.48)  # margins of friction that are tried first, all others kept
+# Margins of friction with the fraction of all others, in the order of preference. Those with full
+# margins are solved together, and the others if none of them has a solution
+_FULL_MARGINS = ((0.64, 1.0), (0.58, 1.0), (0.52, 1.0), (0.48, 1.0), (0.44, 1.0))
+_PART_MARGINS = tuple((slip, fraction) for fraction in (0.8, 0.6, 0.4, 0.2) for slip in (0.44, 0.3))
 
 
 @dataclass(frozen=True)
@@ -48,7 +56,6 @@ def solve_stance_forces(
     toes: Array,
     mu: Array,
     load: Array,
-    margins: MarginsSpec = STANCE_MARGINS,
 ) -> StanceSolution | None:
     """Solve the forces of an instant for measured toes and friction; None if there are none.
 
@@ -58,20 +65,49 @@ def solve_stance_forces(
         toes: (N, 3) measured places [m].
         mu: (N,) friction coefficients.
         load: (6,) beside the planned one, about the body's origin [N, N m].
-        margins: Margins of the forces.
     """
     measured = _measure_instant(plan, instant, toes, mu, load)
     statement = build_robot_forces(plan.robot, _FORCE, measured)
-    required = apply_margins(statement, margins)
-    for slip in _SLIPS:
-        slippery = replace(required, mu=statement.mu * _FORCE.safety_friction * (1.0 - slip))
-        solved = solve_forces(slippery, _SOLVER, _FACETS, is_quick=True)
-        if not len(solved.missing) and not len(solved.unbalanced):
-            return StanceSolution(solved.force[0], (1.0 - margins.slip) / (1.0 - slip))
-    margined = solve_with_margins(MarginRequest(margins, True), statement, _SOLVER, _FACETS)
+    for fractions in (_FULL_MARGINS, _PART_MARGINS):
+        ladder = _require_margins(statement, fractions)
+        solved = solve_forces(ladder, _SOLVER, _FACETS, is_quick=True)
+        has_solution = np.ones(len(fractions), bool)
+        has_solution[solved.missing] = has_solution[solved.unbalanced] = False
+        if has_solution.any():
+            best = int(np.argmax(has_solution))
+            slip, fraction = fractions[best]
+            if fraction < 1.0:
+                return StanceSolution(solved.force[best], min(fraction, slip / STANCE_MARGINS.slip))
+            return StanceSolution(solved.force[best], (1.0 - STANCE_MARGINS.slip) / (1.0 - slip))
+    margined = solve_with_margins(MarginRequest(STANCE_MARGINS, True), statement, _SOLVER, _FACETS)
     if len(margined.solved.missing) or len(margined.solved.unbalanced):
         return None
     return StanceSolution(margined.solved.force[0], float(margined.margin_fraction[0]))
+
+
+def _require_margins(
+    statement: ForceStatement, fractions: tuple[tuple[float, float], ...]
+) -> ForceStatement:
+    """Return the problem of one instant with the margins of each pair of `fractions`."""
+    required = [
+        vars(apply_margins(statement, _scale_margins(fraction))) for _, fraction in fractions
+    ]
+    bounds: dict[str, Any] = {
+        name: np.concatenate([fields[name] for fields in required]) for name in MARGIN_FIELDS
+    }
+    factor = [min(1.0, _FORCE.safety_friction * (1.0 - slip)) for slip, _ in fractions]
+    return replace(
+        statement.take(np.zeros(len(fractions), np.int64)),
+        mu=np.array(factor)[:, None] * statement.mu,
+        **bounds,
+    )
+
+
+def _scale_margins(fraction: float) -> MarginsSpec:
+    """Return a fraction of all margins but that of friction lacking."""
+    names = ("normal_force", "friction", "depth", "torque", "stiffness")
+    scaled = {name: fraction * getattr(STANCE_MARGINS, name) for name in names}
+    return STANCE_MARGINS.model_copy(update=scaled)
 
 
 def _measure_instant(

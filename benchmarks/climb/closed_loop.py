@@ -2,9 +2,10 @@
 
 Drawn worlds have errors of mass, friction, surfaces, joint stiffness and backlash, whose standard
 deviations are those of `DEVIATIONS`. A surprise is one error that the plan knows nothing of, the
-rest as planned: a surface that toes stand on lies elsewhere or has less friction, or the robot
-carries more. Without the executive the plan's regulator is at work alone. A robot that stops before
-its goal has to stand for five seconds.
+rest as planned: a surface that toes stand on lies elsewhere or has less friction, the robot
+carries more, a motor is weak, or a toe loses its friction for half a second. Without the executive
+the plan's regulator is at work alone. A robot that stops before its goal has to stand for five
+seconds.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import compute_interval
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.schema.transition_loading import load_transition
 from climbplan.climb.simulation.replay import simulate
 from climbplan.climb.simulation.worlds.uncertainty import (
     Distribution,
@@ -29,11 +31,17 @@ from climbplan.climb.simulation.worlds.uncertainty import (
     draw_numbers,
     sample_conditions,
 )
+from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import UsageError
-from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.conditions import Conditions, FrictionLoss, WeakMotor
 from climbplan.simulation.world import World
 
 SCENES = ("climb_patches", "climb_nonparallel", "climb_steps", "climb_obstacle")
+# Others that can be named: all shipped scenes of toes on limbs of joints in a row
+_OTHER_SCENES = (
+    "climb_ground_to_wall", "climb_region", "climb_stairs", "climb_telescope", "climb_tube",
+    "climb_tube_mesh", "climb_walker", "transition_flat",
+)  # fmt: skip
 _DRAWN_COUNT, _SURPRISE_COUNT = 20, 4
 _SURPRISE_SALT = 0x73757270
 
@@ -75,7 +83,10 @@ _SURPRISES: dict[str, Callable[[World, int], World]] = {
     "half the friction": lambda world, region: _scale_friction(world, region, 0.5),
     "tilted by 3 degrees": lambda world, region: _tilt(world, region, float(np.deg2rad(3.0))),
 }
-_PAYLOAD = "2 kg more"
+_PAYLOAD, _WEAK_MOTOR, _LOST_FRICTION = "2 kg more", "a motor at 60 %", "a toe without friction"
+_SURPRISE_NAMES = (*_SURPRISES, _PAYLOAD, _WEAK_MOTOR, _LOST_FRICTION)
+_MOTOR_SHARE = 0.6  # of its torque, of a weak motor
+_LOSS_TIME = 0.5  # [s] without friction
 DRAWN = "drawn"
 
 
@@ -119,9 +130,10 @@ def bench_closed_loop(
         UsageError: Of `scenes` one is not known, or the folder holds something else.
     """
     names = [name.strip() for name in (scenes or ",".join(SCENES)).split(",")]
-    if unknown := [name for name in names if name not in SCENES]:
+    all_scenes = (*SCENES, *_OTHER_SCENES)
+    if unknown := [name for name in names if name not in all_scenes]:
         raise UsageError(
-            f"`closed_loop` --scenes: no scene {unknown[0]!r}, known are {', '.join(SCENES)}"
+            f"`closed_loop` --scenes: no scene {unknown[0]!r}, known are {', '.join(all_scenes)}"
         )
     file = None if folder is None else folder / "closed_loop.csv"
     known = [] if file is None else read_rows(file, ExecutionRow)
@@ -134,8 +146,8 @@ def bench_closed_loop(
     )
     rows: list[ExecutionRow] = []
     for name in names[:1] if quick else names:
-        plan = plan_climb(load_climb(Path("specs", f"{name}.yaml")))
-        kinds = [DRAWN] if quick else [DRAWN, *_SURPRISES, _PAYLOAD]
+        plan = _plan(Path("specs", f"{name}.yaml"))
+        kinds = [DRAWN] if quick else [DRAWN, *_SURPRISE_NAMES]
         for kind in kinds:
             number = _SURPRISE_COUNT if kind != DRAWN else count or _DRAWN_COUNT
             cells = [
@@ -151,6 +163,12 @@ def bench_closed_loop(
             rows += [measured[cell] for cell in cells]
             _print_summary([measured[cell] for cell in cells], out)
     return {"rows": [asdict(row) for row in rows]}
+
+
+def _plan(spec: Path) -> ClimbPlan:
+    if spec.stem.startswith("transition"):
+        return plan_transition(load_transition(spec))
+    return plan_climb(load_climb(spec))
 
 
 def _execute(
@@ -179,7 +197,7 @@ def _execute(
 def build_conditions(
     plan: ClimbPlan, kind: str, number: int, is_closed: bool, seed: int
 ) -> Conditions:
-    """Build the conditions of a world; surprises concern a surface that toes stand on."""
+    """Build the conditions of a world: a drawn one, or one with a surprise."""
     layout = build_layout(plan, DEVIATIONS)
     base = Conditions(closed_loop=is_closed, noise_seed=seed)
     if kind == DRAWN:
@@ -187,6 +205,18 @@ def build_conditions(
     if kind == _PAYLOAD:
         return replace(base, payload=2.0, noise_seed=number)
     draws = np.random.default_rng([_SURPRISE_SALT, seed, number])
+    robot = plan.robot
+    if kind == _WEAK_MOTOR:
+        motor = WeakMotor(
+            int(draws.integers(robot.limb_count)),
+            int(draws.integers(robot.joint_count)),
+            _MOTOR_SHARE,
+        )
+        return replace(base, weak_motors=(motor,), noise_seed=number)
+    if kind == _LOST_FRICTION:
+        start = float(draws.uniform(0.1, 0.9) * plan.trajectory.time[-1])
+        loss = FrictionLoss(int(draws.integers(robot.limb_count)), start, _LOSS_TIME)
+        return replace(base, losses=(loss,), noise_seed=number)
     region = int(draws.choice(np.unique(plan.rounds.region)))
     return replace(base, world=_SURPRISES[kind](layout.nominal, region), noise_seed=number)
 

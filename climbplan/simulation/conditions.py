@@ -27,6 +27,15 @@ class FrictionLoss:
 
 
 @dataclass(frozen=True)
+class WeakMotor:
+    """A motor of a climbing robot that gives less torque than the plan knows."""
+
+    limb: int
+    joint: int
+    torque_fraction: float  # of its largest torque
+
+
+@dataclass(frozen=True)
 class Conditions:
     """One simulated world."""
 
@@ -43,6 +52,7 @@ class Conditions:
     backlash: float = 0.0  # of every joint [rad]
     limb_weights: bool = True  # motors are told to carry the links' weight
     losses: tuple[FrictionLoss, ...] = field(default=())
+    weak_motors: tuple[WeakMotor, ...] = field(default=())  # of climbs and transitions
     speed: float = 1.0  # factor on the plan's pace
     regulator: Regulated | None = None  # what of the body's pose commands are corrected for
     delay: float = 0.0  # that corrections come late [s]

@@ -53,6 +53,14 @@ def compute_viscous_friction(robot: Robot, conditions: Conditions) -> Array:
     return np.asarray(conditions.damping * dynamics_of(robot).viscous_friction)
 
 
+def compute_max_torque(robot: Robot, conditions: Conditions) -> Array:
+    """Return (N, J) largest torques of the motors [N m], [N]."""
+    max_torque = robot.max_torque.copy()
+    for motor in conditions.weak_motors:
+        max_torque[motor.limb, motor.joint] *= motor.torque_fraction
+    return max_torque
+
+
 def compute_backlash(robot: Robot, conditions: Conditions) -> Array:
     """Return the backlash (N, J) of joints [rad], of sliding ones as many times `RADIAN` [m]."""
     backlash = np.full((robot.limb_count, robot.joint_count), conditions.backlash)

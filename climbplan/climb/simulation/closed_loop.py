@@ -54,6 +54,7 @@ class ClosedLoopRun(MujocoRun):
         self._readings: deque[tuple[Array, Array]] = deque()
         self._rows: list[dict[str, Any]] = []  # one of each sample up to the clock
         self._step_times: list[float] = []
+        self._loss_begins: dict[int, float] = {}  # [s] since the start, by number of the loss
 
     def play(
         self,
@@ -97,14 +98,21 @@ class ClosedLoopRun(MujocoRun):
         """Let the executive read sensors and command motors once, and simulate its period."""
         executive, data = self.executive, self.data
         angles, torque = self._read_sensors()
-        begin = time.perf_counter()
+        begin = time.process_time()
         command = executive.step(CONTROL_PERIOD, angles, torque)
-        self._step_times.append(time.perf_counter() - begin)
+        self._step_times.append(time.process_time() - begin)
         sample = executive.sample
-        self._apply_friction_losses(self.plan.trajectory.time[sample])
+        self._lose_friction()
         data.xfrc_applied[self.body] = wrench[sample]
         data.ctrl[: self.joints] = (command + self._added[sample]).ravel()
         self.mujoco.mj_step(self.model, data, nstep=round(CONTROL_PERIOD / TIME_STEP))
+
+    def _lose_friction(self) -> None:
+        """Remove friction of toes: losses begin by the plan's clock and last by the robot's."""
+        for number, loss in enumerate(self.conditions.losses):
+            if self.executive.clock >= loss.start:
+                begin = self._loss_begins.setdefault(number, self.executive.time)
+                self._set_slippery(loss.limb, self.executive.time < begin + loss.duration)
 
     def _read_sensors(self) -> tuple[Array, Array]:
         """Read angles (N, J) [rad] and torques (N, J) [N m] as they were before the delay."""

@@ -269,10 +269,13 @@ class MujocoRun:
     def _apply_friction_losses(self, now: float) -> None:
         """Remove the friction of toes with a contact loss at a time [s]."""
         for loss in self.conditions.losses:
-            is_lost = loss.start <= now < loss.start + loss.duration
-            # Friction of a pair is that of the geom of higher priority, here the slippery toe's.
-            self.model.geom_priority[self.toe_geom[loss.limb]] = int(is_lost)
-            self.model.geom_friction[self.toe_geom[loss.limb], 0] = 1e-5 if is_lost else 0.0
+            self._set_slippery(loss.limb, loss.start <= now < loss.start + loss.duration)
+
+    def _set_slippery(self, limb: int, is_slippery: bool) -> None:
+        """Take a toe's friction away, or give it back."""
+        # Friction of a pair is that of the geom of higher priority, here the slippery toe's.
+        self.model.geom_priority[self.toe_geom[limb]] = int(is_slippery)
+        self.model.geom_friction[self.toe_geom[limb], 0] = 1e-5 if is_slippery else 0.0
 
     def _compute_loads(self) -> Array:
         """Compute the plan's external wrench (T, 6) at every sample, without the weight."""

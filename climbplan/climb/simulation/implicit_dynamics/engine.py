@@ -56,6 +56,7 @@ from climbplan.simulation.motors import (
     compute_assumed_stiffness,
     compute_backlash,
     compute_joint_damping,
+    compute_max_torque,
     compute_motor_stiffness,
     compute_rotor_inertia,
 )
@@ -207,7 +208,7 @@ def build_robot(
         damping=np.ascontiguousarray(compute_joint_damping(robot, conditions) * unit**2),
         armature=np.ascontiguousarray(compute_rotor_inertia(robot, conditions) * unit**2),
         backlash=compute_backlash(robot, conditions) / unit,
-        max_torque=np.ascontiguousarray(robot.max_torque * unit),
+        max_torque=np.ascontiguousarray(compute_max_torque(robot, conditions) * unit),
         foothold_error=np.ascontiguousarray(world.placement),
         friction_losses=np.array(friction_losses, float).reshape(-1, 3),
         initial_toes=np.ascontiguousarray(toes),

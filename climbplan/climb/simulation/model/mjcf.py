@@ -48,6 +48,7 @@ from climbplan.simulation.attributes import format_numbers, write_inertial
 from climbplan.simulation.conditions import LIMB_MASS_SHARE, Conditions
 from climbplan.simulation.motors import (
     compute_backlash,
+    compute_max_torque,
     compute_motor_damping,
     compute_motor_stiffness,
     compute_rotor_inertia,
@@ -362,10 +363,11 @@ def _build_linkage(robot: Robot, limb: int, mass: float, conditions: Conditions)
 def _build_motors(robot: Robot, limb: int, conditions: Conditions) -> list[str]:
     stiffness = compute_motor_stiffness(robot, conditions)[limb]
     damping = compute_motor_damping(robot, conditions)[limb]
+    max_torques = compute_max_torque(robot, conditions)[limb]
     lines, mimics = [], find_mimic_joints(robot)[limb]
     for joint, name in enumerate(name_motors(robot, limb)):
         kp, kv = (0.0, 0.0) if mimics[joint] else (stiffness[joint], damping[joint])
-        max_torque = robot.max_torque[limb, joint]
+        max_torque = max_torques[joint]
         lines.append(
             f'<position name="{name}" joint="{name}" kp="{kp:.9g}" kv="{kv:.9g}"'
             f' forcerange="{-max_torque:.9g} {max_torque:.9g}"/>'

@@ -3,7 +3,7 @@
 Drawn worlds have errors of mass, friction, surfaces, joint stiffness and backlash, whose standard
 deviations are those of `DEVIATIONS`. A surprise is one error that the plan knows nothing of, the
 rest as planned: a surface that toes stand on lies elsewhere or has less friction, the robot
-carries more, a motor is weak, or a toe loses its friction for half a second. Without the executive
+carries more, a motor is weak, or a toe loses its friction for 0.2 s. Without the executive
 the plan's regulator is at work alone. A robot that stops before its goal has to stand for five
 seconds.
 """
@@ -86,7 +86,7 @@ _SURPRISES: dict[str, Callable[[World, int], World]] = {
 _PAYLOAD, _WEAK_MOTOR, _LOST_FRICTION = "2 kg more", "a motor at 60 %", "a toe without friction"
 _SURPRISE_NAMES = (*_SURPRISES, _PAYLOAD, _WEAK_MOTOR, _LOST_FRICTION)
 _MOTOR_SHARE = 0.6  # of its torque, of a weak motor
-_LOSS_TIME = 0.5  # [s] without friction
+_LOSS_TIME = 0.2  # [s] without friction
 DRAWN = "drawn"
 
 

@@ -111,8 +111,10 @@ class ClosedLoopRun(MujocoRun):
         """Remove friction of toes: losses begin by the plan's clock and last by the robot's."""
         for number, loss in enumerate(self.conditions.losses):
             if self.executive.clock >= loss.start:
-                begin = self._loss_begins.setdefault(number, self.executive.time)
-                self._set_slippery(loss.limb, self.executive.time < begin + loss.duration)
+                self._loss_begins.setdefault(number, self.executive.time)
+            if number in self._loss_begins:
+                elapsed = self.executive.time - self._loss_begins[number]
+                self._set_slippery(loss.limb, elapsed < loss.duration)
 
     def _read_sensors(self) -> tuple[Array, Array]:
         """Read angles (N, J) [rad] and torques (N, J) [N m] as they were before the delay."""

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any, Literal, TextIO
 
 from climbplan.errors import PlanFileError, UsageError
 
@@ -81,16 +81,34 @@ class PlanKind:
         motion: RobotMotion = self._module("exports.motion").read_motion(path)
         return motion
 
-    def read_tracked_motion(self, path: Path, rate: float | None) -> TrackedMotion:
-        """Read the motion for motion-tracking pipelines at a rate [Hz]; None takes 50 Hz.
+    def read_tracked_motion(
+        self, path: Path, rate: float | None, pace: float | Literal["fastest"] = 1.0
+    ) -> TrackedMotion:
+        """Read the motion for motion-tracking pipelines.
 
-        Raises UsageError for plans without links and joints.
+        Args:
+            path: The plan file.
+            rate: Sample rate [Hz]; None takes 50 Hz.
+            pace: Factor on the planned speed of climbs, or the fastest by inverse dynamics.
+
+        Raises:
+            UsageError: The plan has no links and joints, or not this pace.
         """
         if not (self.moves and self.has_links):
             raise UsageError(
                 f"{path}: expected a climb, transition or walk, whose robot has one body; "
                 "--format motion writes no other plans"
             )
+        if pace != 1.0:
+            if self.family != "climb":
+                raise UsageError(
+                    f"{path}: --pace is of climbs and transitions, whose plans are quasi-static"
+                )
+            factor = None if pace == "fastest" else pace
+            paced: TrackedMotion = self._module("exports.paced_motion").read_paced_motion(
+                path, rate, factor
+            )
+            return paced
         module = self._module("exports.tracked_motion")
         motion: TrackedMotion = module.read_tracked_motion(path, rate)
         return motion

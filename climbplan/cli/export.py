@@ -31,6 +31,7 @@ class MotionOptions:
     feedforward: bool = False
     gravity: bool | None = None
     ramp: float | None = None
+    pace: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,6 +101,14 @@ class ExportOptions:
             "else 0].",
         ),
     ] = None
+    pace: Annotated[
+        str | None,
+        typer.Option(
+            metavar="FACTOR|fastest",
+            help="With motion: factor on the planned speed of a climb, its contact forces solved "
+            "again with the inertia of its links, or the fastest that they allow [default: 1].",
+        ),
+    ] = None
     unverified: Annotated[
         bool,
         typer.Option(
@@ -141,7 +150,9 @@ class ExportOptions:
     @property
     def motion(self) -> MotionOptions:
         """The options that only motions have."""
-        return MotionOptions(self.rate, self.gains, self.feedforward, self.gravity, self.ramp)
+        return MotionOptions(
+            self.rate, self.gains, self.feedforward, self.gravity, self.ramp, self.pace
+        )
 
 
 @takes_options(ExportOptions)
@@ -240,22 +251,35 @@ def _write_regulator(
 def _write_tracked_motion(kind: PlanKind, path: Path, options: ExportOptions, remark: str) -> Path:
     from climbplan.motions.motion_file import name_terrain_file, write_motion_file
 
-    if options.out == "-" or options.motion != MotionOptions(rate=options.rate):
+    if options.out == "-" or options.motion != MotionOptions(options.rate, pace=options.pace):
         raise UsageError(
-            "--format motion: the kinematic motion with its contacts; expected --rate or nothing, "
-            "no other option and no -o -"
+            "--format motion: the kinematic motion with its contacts; expected --rate, --pace or "
+            "nothing, no other option and no -o -"
         )
     target = Path(options.out) if options.out is not None else path.parent / TRACKED_MOTION
     if target.suffix != ".npz":
         raise UsageError(f"{target}: expected a file that ends with .npz")
     for file in (target, name_terrain_file(target)):
         _require_free(file, options.force)
-    motion = kind.read_tracked_motion(path, options.rate)
+    motion = kind.read_tracked_motion(path, options.rate, _parse_pace(options.pace))
     facts = {**motion.facts, "verification": remark or "passed"}
     for note in motion.notes:
         warn(note)
     write_motion_file(replace(motion, is_verified=not remark, facts=facts), target)
     return target
+
+
+def _parse_pace(text: str | None) -> float | Literal["fastest"]:
+    """Return the value of `--pace`; raises UsageError for anything but a factor or `fastest`."""
+    if text is None or text == "fastest":
+        return "fastest" if text else 1.0
+    try:
+        factor = float(text)
+    except ValueError:
+        factor = 0.0
+    if not 0.1 <= factor <= 20:
+        raise UsageError(f"--pace {text}: expected a factor of 0.1 to 20, or fastest")
+    return factor
 
 
 def _write_motion(kind: PlanKind, path: Path, options: ExportOptions, remark: str) -> Path:
@@ -274,6 +298,8 @@ def _write_motion(kind: PlanKind, path: Path, options: ExportOptions, remark: st
     target = Path(options.out) if options.out is not None else path.parent / chosen.name
     if not chosen.directory:
         _require_free(target, options.force)
+    if options.pace is not None:
+        raise UsageError("--pace goes with --format motion")
     plan = kind.read_motion(path)
     how = ControllerOptions(options.rate, options.gains, options.feedforward)
     if options.format_ == "jtc":

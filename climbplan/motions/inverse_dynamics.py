@@ -46,6 +46,7 @@ class MotionDynamics:
 
     torque: Array  # (T - 2, J) [N m], [N] of sliding joints; zero of joints that follow others
     unbalanced_force: Array  # (T - 2, 3) [N]
+    unbalanced_moment: Array  # (T - 2, 3) about the origin of the root link [N m]
     weight: float  # [N]
 
 
@@ -136,4 +137,5 @@ def compute_dynamics(motion: TrackedMotion, urdf: UrdfTree, robot: LinkTree) -> 
         torque[:, robot.joint_names.index(leader)] += ratio * torque[:, follower]
         torque[:, follower] = 0.0
     weight = float(links.mass.sum() * np.linalg.norm(_GRAVITY))
-    return MotionDynamics(torque, force[:, 0], weight)
+    root = motion.body_position[1:-1, bodies[0]]
+    return MotionDynamics(torque, force[:, 0], moment[:, 0] - np.cross(root, force[:, 0]), weight)

@@ -321,7 +321,7 @@ def _measure_dynamics(
 ) -> Iterator[Check]:
     """Yield torques by inverse dynamics, their difference from stored ones, and the balance."""
     names = ("dynamics.torque", "dynamics.stored_torque", "dynamics.balance")
-    reason = _find_dynamics_obstacle(motion, file)
+    reason = find_dynamics_obstacle(motion, file)
     if reason or file is None:
         yield from (judge.skip(name, reason) for name in names)
         return
@@ -345,7 +345,7 @@ def _measure_dynamics(
     yield judge.judge_worst(names[2], unbalanced, lambda *_: "sum of all forces", offset=1)
 
 
-def _find_dynamics_obstacle(motion: TrackedMotion, file: RobotFile | None) -> str:
+def find_dynamics_obstacle(motion: TrackedMotion, file: RobotFile | None) -> str:
     """Return why a motion has no inverse dynamics; "" if it has."""
     if file is None:
         return "--robot names a URDF"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from climbplan.datasets.motions.rows import MotionRows
+from climbplan.datasets.motions.rows import MotionForm, MotionRows
 from climbplan.datasets.motions.scenes import SceneFamilies
 from climbplan.datasets.motions.walkers import GroundRobot
 from climbplan.datasets.schema.motions import MotionsProblemSpec
@@ -15,4 +15,4 @@ def build_motion_source(
 ) -> MotionRows:
     """Return motions as a spec describes them; paths in it start from `directory`."""
     families = SceneFamilies(spec.scenes, walkers, directory, spec.solver.time_limit)
-    return MotionRows(families, spec.rate, spec.plans)
+    return MotionRows(families, MotionForm(spec.rate, spec.pace, spec.plans))

@@ -179,6 +179,7 @@ count: 3
 seed: 3
 problem:
   kind: motions
+  pace: fastest
   scenes:
     - {family: spec, file: chimney.yaml, ranges: {terrain.friction: [0.9, 1.1]}}
     - {family: spec, file: steep.yaml, ranges: {terrain.friction: [0.9, 1.1]}}
@@ -215,6 +216,7 @@ def test_motions_are_usable_where_they_are_planned_and_stand(generated: Path) ->
     np.testing.assert_array_equal(usable, scene == 0)
     assert usable.any()
     assert not usable.all()
+    assert (data.solution["pace"][usable] > 1).all()
     for row in range(data.count):
         path, digest = data.solution["motion"][row], data.solution["sha256"][row]
         if not usable[row]:

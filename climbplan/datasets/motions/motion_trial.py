@@ -14,6 +14,8 @@ from climbplan.schema.loaded import LoadedSpec
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.walking.schema.loading import LoadedMpc
 
+_PACE_RATIO = 1.5  # between paces that are simulated
+
 
 @dataclass(frozen=True)
 class SimulatedEnd:
@@ -22,6 +24,11 @@ class SimulatedEnd:
     fall: float | None  # [s] when it fell; None: it stands
     num_slips: int
     num_lost_contacts: int
+
+    @property
+    def stands_firmly(self) -> bool:
+        """Return whether it stands without a slip or a lost contact."""
+        return self.fall is None and not self.num_slips and not self.num_lost_contacts
 
 
 @dataclass(frozen=True)
@@ -80,8 +87,13 @@ def _plan_walk(loaded: LoadedMpc, path: Path) -> tuple[str, str]:
     return plan.status, verify_and_mark(path).objection
 
 
-def simulate_motion(loaded: LoadedSpec, path: Path) -> SimulatedEnd:
+def simulate_motion(loaded: LoadedSpec, path: Path, pace: float = 1.0) -> SimulatedEnd:
     """Replay a plan file in MuJoCo, in the world that it was planned for.
+
+    Args:
+        loaded: The spec that it was planned from.
+        path: The plan file.
+        pace: Factor on the speed of climbs.
 
     Raises:
         MissingSolver: MuJoCo is not installed.
@@ -94,7 +106,7 @@ def simulate_motion(loaded: LoadedSpec, path: Path) -> SimulatedEnd:
     from climbplan.climb.simulation.replay import simulate
 
     plan = read_climb(path)
-    run = simulate(plan, NOMINAL)
+    run = simulate(plan, replace(NOMINAL, speed=pace))
     fall = float(run.time[-1]) if run.fallen else None
     return SimulatedEnd(fall, len(find_slips(plan, run)), len(find_losses(plan, run)))
 
@@ -109,6 +121,47 @@ def _simulate_walk(path: Path) -> SimulatedEnd:
     compared = compare_walk(plan, run)
     fall = float(run.time[-1]) if run.fallen else None
     return SimulatedEnd(fall, len(compared.slips), 0)
+
+
+def find_fast_motion(
+    loaded: LoadedSpec, path: Path, rate: float, name: str
+) -> tuple[TrackedMotion, SimulatedEnd] | None:
+    """Return a climb's motion at the fastest pace at which it stands firmly in MuJoCo.
+
+    The pace is at most the fastest by inverse dynamics, and is lowered by a third at a time.
+
+    Args:
+        loaded: The spec that it was planned from.
+        path: The plan file.
+        rate: Sample rate [Hz].
+        name: Of the motion.
+
+    Returns:
+        The motion, with its contact forces solved again, and how it ends; None where no pace
+        beyond the planned one does, or no forces can be solved for.
+    """
+    if isinstance(loaded, LoadedMpc):
+        return None
+    from climbplan.climb.exports.paced_motion import (
+        build_paced_motion,
+        find_plan_pace,
+        has_pace,
+        read_plan_robot,
+    )
+    from climbplan.climb.plan.file import read_climb
+
+    plan = read_climb(path)
+    robot = read_plan_robot(plan)
+    if robot is None or not has_pace(plan, robot):
+        return None
+    pace = find_plan_pace(plan, robot)
+    while pace > 1:
+        end = simulate_motion(loaded, path, pace)
+        motion = build_paced_motion(plan, robot, rate, pace) if end.stands_firmly else None
+        if motion is not None:
+            return replace(motion, name=name, is_verified=True), end
+        pace /= _PACE_RATIO
+    return None
 
 
 def read_motion(loaded: LoadedSpec, path: Path, rate: float, name: str) -> TrackedMotion:

@@ -11,7 +11,7 @@ import hashlib
 import math
 import tempfile
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +21,7 @@ from climbplan.arrays import Array
 from climbplan.datasets.motions.motion_trial import (
     SimulatedEnd,
     VerifiedMotionPlan,
+    find_fast_motion,
     plan_motion,
     read_motion,
     simulate_motion,
@@ -40,21 +41,29 @@ FOLDER = "motions"  # beside the dataset, of the files
 _MAX_REASON = 300  # letters of why there is no plan
 
 
+@dataclass(frozen=True)
+class MotionForm:
+    """How motions are written."""
+
+    rate: float  # [Hz] of samples
+    pace: str  # "planned" or "fastest"
+    keeps_plans: bool  # whether plan files are among the files of a row
+
+
 class MotionRows:
     """Draws scenes and makes their motions."""
 
-    def __init__(self, families: SceneFamilies, rate: float, keeps_plans: bool) -> None:
+    def __init__(self, families: SceneFamilies, form: MotionForm) -> None:
         """Raise MissingSolver without MuJoCo, and SpecError for a scene's spec with a mistake.
 
         Args:
             families: What scenes are drawn from.
-            rate: Sample rate of the motions [Hz].
-            keeps_plans: Whether plan files are among the files of a row.
+            form: How motions are written.
         """
         load_mujoco()
         families.require_specs()
-        self._families, self._rate, self._keeps_plans = families, rate, keeps_plans
-        self._frame = build_frame(families, rate)
+        self._families, self._form = families, form
+        self._frame = build_frame(families, form)
 
     @property
     def frame(self) -> DatasetFrame:
@@ -108,7 +117,12 @@ class MotionRows:
         end: SimulatedEnd,
         cpu_simulation: float,
     ) -> RowAnswer:
-        motion = read_motion(loaded, planned.path, self._rate, sample.name)
+        motion = read_motion(loaded, planned.path, self._form.rate, sample.name)
+        if self._form.pace == "fastest" and end.fall is None:
+            begin = time.process_time()
+            fast = find_fast_motion(loaded, planned.path, self._form.rate, sample.name)
+            motion, end = fast or (motion, end)
+            cpu_simulation += time.process_time() - begin
         checks = measure_motion(motion, {})
         broken = [check.name for check in checks if not check.passed]
         residuals = {check.name: check.residual for check in checks if check.judged}
@@ -118,6 +132,7 @@ class MotionRows:
         duration = float(motion.time[-1])
         row: dict[str, Any] = {
             "usable": not reason,
+            "pace": motion.facts.get("pace", 1.0),
             "samples": len(motion.time),
             "slips": end.num_slips,
             "lost_contacts": end.num_lost_contacts,
@@ -157,11 +172,11 @@ class MotionRows:
         }
         path = plan.with_suffix(".npz")
         write_motion_file(replace(motion, facts=facts), path)
-        written = [path, name_terrain_file(path), *([plan] if self._keeps_plans else [])]
+        written = [path, name_terrain_file(path), *([plan] if self._form.keeps_plans else [])]
         return {f"{FOLDER}/{file.name}": file.read_bytes() for file in written}
 
 
-def build_frame(families: SceneFamilies, rate: float) -> DatasetFrame:
+def build_frame(families: SceneFamilies, form: MotionForm) -> DatasetFrame:
     """Return what rows of the same robots and scenes share."""
     return DatasetFrame(
         kind=KIND,
@@ -169,12 +184,14 @@ def build_frame(families: SceneFamilies, rate: float) -> DatasetFrame:
         facts={
             "robots": [walker.name for walker in families.walkers],
             "scenes": list(families.labels),
-            "rate": rate,
+            "rate": form.rate,
+            "pace": form.pace,
         },
         parameter_names=families.parameter_names,
         integer_names=(),
         layouts={
             "usable": build_solution_layout((), kind="bool"),
+            "pace": build_solution_layout((), "of planned"),
             "samples": build_solution_layout((), kind="int"),
             "slips": build_solution_layout((), kind="int"),
             "lost_contacts": build_solution_layout((), kind="int"),

@@ -17,6 +17,12 @@ from climbplan.exports.ros_messages import convert_to_nanoseconds
 CONTROLLER = "joint_trajectory_controller"
 _GOAL = "/joint_trajectory_controller/follow_joint_trajectory"
 POSITION_RATE = 100.0  # [Hz] of motors that control positions by themselves
+# Digits of goals, far below what encoders and motors resolve: splines between two points of 20 Hz
+# move by less than 1e-6 rad by what is rounded off
+POSITION_DECIMALS = 6  # of angles [rad] and slides [m]
+_VELOCITY_DECIMALS = 4  # [rad/s]
+_ACCELERATION_DECIMALS = 3  # [rad/s^2]
+_EFFORT_DECIMALS = 3  # [N m]
 _ROOM = 0.1  # [rad] of tracking errors beside what contacts bend joints by
 
 
@@ -89,18 +95,18 @@ def _write_goal(motion: RobotMotion, joints: ExportedJoints) -> Iterator[str]:
     for k, time in enumerate(motion.time - motion.time[0]):
         seconds, nanosec = divmod(convert_to_nanoseconds(float(time)), 1_000_000_000)
         fields = [
-            f"positions: {_format_numbers(joints.command[k], 7)}",
-            f"velocities: {_format_numbers(joints.velocity[k], 6)}",
-            f"accelerations: {_format_numbers(joints.acceleration[k], 5)}",
+            f"positions: {_format_numbers(joints.command[k], POSITION_DECIMALS)}",
+            f"velocities: {_format_numbers(joints.velocity[k], _VELOCITY_DECIMALS)}",
+            f"accelerations: {_format_numbers(joints.acceleration[k], _ACCELERATION_DECIMALS)}",
             f"time_from_start: {{sec: {seconds}, nanosec: {nanosec}}}",
         ]
         if joints.effort.any():
-            fields.insert(3, f"effort: {_format_numbers(joints.effort[k], 4)}")
+            fields.insert(3, f"effort: {_format_numbers(joints.effort[k], _EFFORT_DECIMALS)}")
         yield f"  - {{{', '.join(fields)}}}"
 
 
 def _format_numbers(values: Array, decimals: int) -> str:
-    """Format a list; decimals beyond what encoders and motors resolve make large goals slow."""
+    """Format a list of floats, zeros behind the last digit left out."""
     texts = (f"{value + 0.0:.{decimals}f}".rstrip("0") for value in np.round(values, decimals))
     return f"[{', '.join(f'{text}0' if text.endswith('.') else text for text in texts)}]"
 

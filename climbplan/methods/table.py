@@ -37,6 +37,7 @@ from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem, Theta
 from climbplan.solvers.mixed_integer.cone_rows import state_cones
 from climbplan.solvers.mixed_integer.cost import Unbounded
+from climbplan.solvers.mixed_integer.unbounded import examine_unbounded
 from climbplan.solvers.registry import require
 from climbplan.solvers.result import SolverResult
 from climbplan.solvers.separable_cost import NotConvexCost, describe_nonconvexity, is_convex
@@ -172,13 +173,27 @@ def _solve_by_tree_or_mccormick(task: Task) -> tuple[Outcome, Method]:
     ):
         return tree_outcome, "branch-and-bound"
     mccormick_outcome = solve_by_envelopes(task)
-    if (
-        tree_outcome is not None
-        and mccormick_outcome.result.x is None
-        and tree_outcome.result.x is not None
-    ):
-        return tree_outcome, "branch-and-bound"
+    if mccormick_outcome.result.x is None and tree_outcome is not None:
+        falling = _find_falling_variables(task)
+        if falling:
+            message = f"unbounded: the cost falls without end along {falling}; give it bounds"
+            empty = replace(mccormick_outcome.result, log=(*mccormick_outcome.result.log, message))
+            return replace(mccormick_outcome, result=empty), "branch-and-bound"
+        if tree_outcome.result.x is not None:
+            return tree_outcome, "branch-and-bound"
     return mccormick_outcome, "mccormick"
+
+
+def _find_falling_variables(task: Task) -> str:
+    """Return the blocks of variables along which the cost is proved to be unbounded, or ""."""
+    instance = task.instance
+    if instance.features & {"choices", "implications", "products", "smooth"}:
+        return ""
+    proof = examine_unbounded(instance, task.time_left)
+    if not proof.is_unbounded or proof.direction is None:
+        return ""
+    blocks = task.problem.values(proof.direction)
+    return ", ".join(name for name, values in blocks.items() if np.abs(values).max(initial=0) > 0.1)
 
 
 def _is_open(outcome: Outcome) -> bool:

@@ -13,6 +13,7 @@ from climbplan.program.instance import Instance
 Status = Literal["optimal", "feasible", "infeasible", "limit"]
 
 FEASIBILITY = 1e-7  # largest violation of an incumbent, in the unit of the rows
+INFEASIBLE_MESSAGE = "proved: no point satisfies all constraints"
 MIN_OBJECTIVE_SCALE = 1e-9  # smallest scale of the objective in relative gaps
 ROUNDING = 1e-10  # differences between objective and bound that count as rounding errors
 

@@ -2,7 +2,7 @@
 
 Runs where ROS 2 is (rclpy, control_msgs, trajectory_msgs), not where climbplan is:
 
-    climbplan export outputs/climb_steps --format jtc --rate 50
+    climbplan export outputs/climb_steps --format jtc
     python3 follow_plan.py outputs/climb_steps/ros2_control/goal.yaml
 
 The controller has to have the P gains of `controllers.yaml` beside it, or commands for its own

@@ -132,8 +132,10 @@ def test_controller(plans: dict[str, Path], tmp_path: Path) -> None:
     points = goal["points"]
     assert len(points) == len(motion.time)
     for name, values, error in (
-        ("positions", motion.joints.command, 1e-7),
-        ("effort", motion.joints.feedforward, 1e-4),
+        ("positions", motion.joints.command, 1e-6),
+        ("velocities", motion.joints.velocity, 1e-4),
+        ("accelerations", motion.joints.acceleration, 1e-3),
+        ("effort", motion.joints.feedforward, 1e-3),
     ):
         given = np.array([point[name] for point in points], float)
         assert given == pytest.approx(values, abs=error)

@@ -316,3 +316,24 @@ def test_a_factor_without_bounds_is_named() -> None:
     # Within the incumbent's cost nothing lies outside.
     again = solve_instance(knots, {}, "mccormick").result
     assert again.bound == pytest.approx(2.0, abs=1e-3)
+
+
+def test_an_unbounded_problem_says_along_what_its_cost_falls() -> None:
+    p = Program("unbounded")
+    speed = p.continuous("speed", (2,))
+    force = p.continuous("force", (1,), 0.0, 1.0)
+    p.equal("straight", speed[0] - speed[1])
+    p.minimise("cost", speed[0] + force[0])
+    result = solve_instance(Problem("unbounded", p), {}).result
+    assert (result.status, result.x) == ("limit", None)
+    assert result.log[-1] == "unbounded: the cost falls without end along speed; give it bounds"
+
+
+def test_the_last_word_on_an_infeasible_problem_is_the_proof() -> None:
+    p = Program("empty")
+    x = p.continuous("x", (1,), 0.0, 1.0)
+    p.between("low", x, 2.0, 3.0)
+    p.minimise("cost", x[0])
+    result = solve_instance(Problem("empty", p), {}).result
+    assert result.status == "infeasible"
+    assert result.log[-1] == "proved: no point satisfies all constraints"

@@ -25,6 +25,7 @@ from climbplan.solvers.mixed_integer.warm_start import WarmStart, WarmStartedSol
 from climbplan.solvers.mixed_integer.warm_up import warm_up_kernels
 from climbplan.solvers.result import (
     FEASIBILITY,
+    INFEASIBLE_MESSAGE,
     Answer,
     KnownResult,
     Proposal,
@@ -161,6 +162,8 @@ def build_answer(
         log.append(f"nodes fill {1e-6 * MEMORY:.0f} MB")
     if counters[slots.NUM_UNPROVED]:
         log.append(f"{counters[slots.NUM_UNPROVED]} leaves could not be solved to the end")
+    if x is None and run.proves_infeasible:
+        log.append(INFEASIBLE_MESSAGE)
     return Answer(
         x=None if x is None else x[: instance.size],
         assignment=None if x is None else form.decode_alternatives(x),

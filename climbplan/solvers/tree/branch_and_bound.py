@@ -23,6 +23,7 @@ from climbplan.arrays import Array
 from climbplan.program.instance import Instance
 from climbplan.solvers.result import (
     FEASIBILITY,
+    INFEASIBLE_MESSAGE,
     Answer,
     KnownResult,
     Proposal,
@@ -83,6 +84,8 @@ def solve_branch_and_bound(
     )
     search.run()
     incumbent = search.incumbents.best
+    if incumbent is None and search.proves_infeasible:
+        search.log.append(INFEASIBLE_MESSAGE)
     answer = Answer(
         x=None if incumbent is None else incumbent.x,
         assignment=None if incumbent is None else incumbent.assignment,

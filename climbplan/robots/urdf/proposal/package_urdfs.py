@@ -24,7 +24,10 @@ def find_package_urdf(package: str, robot: str | None = None) -> Path:
     try:
         files = distribution(package).files or []
     except (PackageNotFoundError, ValueError) as error:
-        raise UsageError(f"no Python package {package!r} is installed") from error
+        raise UsageError(
+            f"no Python package {package!r} is installed: `pip install {package}` if it is one of "
+            "PyPI, or give its file by --urdf"
+        ) from error
     urdfs = [Path(str(f.locate())) for f in files if f.name.endswith(".urdf")]
     urdfs = [path.resolve() for path in urdfs if path.is_file()]
     pattern = query.lower().removesuffix(".urdf")

@@ -326,10 +326,7 @@ def _sum_columns(matrix: sparse.csc_matrix, entries: Array) -> tuple[Array, Arra
     """Return the sums of entries of a matrix's sparsity by column, and of their sizes."""
     n = matrix.shape[1]
     column = np.repeat(np.arange(n), np.diff(matrix.indptr))
-    sums, sizes = np.zeros(n), np.zeros(n)
-    sums += np.bincount(column, entries, n)
-    sizes += np.bincount(column, np.abs(entries), n)
-    return sums, sizes
+    return _add_up(column, entries, n), _add_up(column, np.abs(entries), n)
 
 
 def _multiply_symmetric(upper: sparse.csc_matrix, x: Array) -> tuple[Array, Array]:
@@ -338,9 +335,14 @@ def _multiply_symmetric(upper: sparse.csc_matrix, x: Array) -> tuple[Array, Arra
     column = np.repeat(np.arange(n), np.diff(upper.indptr))
     mirrored = np.where(column == upper.indices, 0.0, upper.data)
     by_row, by_column = upper.data * x[column], mirrored * x[upper.indices]
-    product = np.bincount(upper.indices, by_row, n) + np.bincount(column, by_column, n)
-    size = np.bincount(upper.indices, np.abs(by_row), n)
-    return product, size + np.bincount(column, np.abs(by_column), n)
+    product = _add_up(upper.indices, by_row, n) + _add_up(column, by_column, n)
+    size = _add_up(upper.indices, np.abs(by_row), n) + _add_up(column, np.abs(by_column), n)
+    return product, size
+
+
+def _add_up(places: IntArray, values: Array, n: int) -> Array:
+    """Return (n,) the sums of values by place."""
+    return np.bincount(places, values, n).astype(np.float64)
 
 
 def _stack_cones(balls: Any) -> tuple[sparse.csr_matrix, Array]:

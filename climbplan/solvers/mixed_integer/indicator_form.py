@@ -8,7 +8,9 @@ instance's variables. The form is exact: nothing is relaxed.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy import sparse
@@ -74,29 +76,29 @@ def build_indicator_form(instance: Instance) -> IndicatorForm:
         [implications.upper],
     )
     indicator, value = [implications.binary], [implications.value.astype(np.int64)]
-    groups = []
-    for choice, start, binaries in zip(instance.choices, first, count, strict=False):
-        group = np.arange(start, start + binaries)
-        groups.append(group)
-        if binaries > 1:
-            exactly_one = sparse.csr_matrix(
-                (np.ones(binaries), (np.zeros(binaries, int), group)), (1, size)
-            )
-            A.append(exactly_one)
+    groups = [np.arange(begin, end) for begin, end in pairwise(first)]
+    for group in groups:
+        if len(group) > 1:
+            places = np.zeros(len(group), int), group
+            A.append(sparse.csr_matrix((np.ones(len(group)), places), (1, size)))
             low.append(np.ones(1))
             high.append(np.ones(1))
+    if instance.choices:
+        matrices = [
+            np.vstack([matrix for p in choice.alternatives for matrix in (p.A, p.C)])
+            for choice in instance.choices
+        ]
+        points = sparse.vstack([choice.E for choice in instance.choices]).tocsr()
+        C.append(_widen(_stack_diagonally(matrices) @ points, size))
+    for choice, start in zip(instance.choices, first, strict=False):
+        one_of_two = len(choice.alternatives) == 2
         for r, polytope in enumerate(choice.alternatives):
-            rows = np.vstack([polytope.A, polytope.C])
-            offset = rows @ choice.e
-            m = len(offset)
-            C.append(_widen(sparse.csr_matrix(sparse.csr_matrix(rows) @ choice.E), size))
-            indicator_low.append(
-                np.concatenate([np.full(len(polytope.b), -np.inf), polytope.c]) - offset
-            )
-            indicator_high.append(np.concatenate([polytope.b, polytope.c]) - offset)
-            one_of_two = len(choice.alternatives) == 2
-            indicator.append(np.full(m, start if one_of_two else start + r, np.int64))
-            value.append(np.full(m, int(r == 0) if one_of_two else 1, np.int64))
+            offset = np.concatenate([polytope.A @ choice.e, polytope.C @ choice.e])
+            ends = np.concatenate([polytope.b, polytope.c]) - offset
+            indicator_high.append(ends)
+            indicator_low.append(np.where(np.arange(len(ends)) < len(polytope.b), -np.inf, ends))
+            indicator.append(np.full(len(ends), start if one_of_two else start + r, np.int64))
+            value.append(np.full(len(ends), int(r == 0) if one_of_two else 1, np.int64))
     num_binaries = size - n
     lower_bound = [float(len(c.alternatives) == 1) for c in instance.choices]
     return IndicatorForm(
@@ -114,6 +116,18 @@ def build_indicator_form(instance: Instance) -> IndicatorForm:
         value=np.concatenate(value),
         choice=tuple(groups),
     )
+
+
+def _stack_diagonally(blocks: Sequence[Array]) -> sparse.csr_matrix:
+    """Return the block diagonal matrix of dense blocks, without their zeros."""
+    shapes = np.array([block.shape for block in blocks]).reshape(-1, 2)
+    begins = np.cumsum(np.vstack([[[0, 0]], shapes]), axis=0)
+    places = [np.nonzero(block) for block in blocks]
+    row, column = (
+        np.concatenate([p[side] + begins[i, side] for i, p in enumerate(places)]) for side in (0, 1)
+    )
+    entries = np.concatenate([block[place] for block, place in zip(blocks, places, strict=True)])
+    return sparse.csr_matrix((entries, (row, column)), shape=tuple(begins[-1]))
 
 
 def _widen(rows: sparse.csr_matrix, columns: int) -> sparse.csr_matrix:

@@ -142,7 +142,11 @@ class TreeRun:
             tolerance=_extend(s.rows.tolerance, 0, m),
         )
         main, probe = (
-            w._replace(active=_extend(w.active, 0, m), value=_extend(w.value, 0, m))
+            w._replace(
+                active=_extend(w.active, 0, m),
+                value=_extend(w.value, 0, m),
+                pool=_extend(w.pool, 0, m),
+            )
             for w in (s.main, s.probe)
         )
         self.search = s._replace(

@@ -47,6 +47,8 @@ class WorkingSet(NamedTuple):
     ray_side: Array  # (K,)
     ray_count: IntArray  # (1,)
     scratch: Array  # (3, K)
+    pool: IntArray  # (m,) rows that were violated at the last look at all rows
+    pool_count: IntArray  # (1,)
     iterations: IntArray  # (1,) total over all solves
 
 
@@ -68,6 +70,8 @@ def allocate_working_set(rows: int, columns: int) -> WorkingSet:
         ray_side=np.zeros(K),
         ray_count=np.zeros(1, np.int64),
         scratch=np.zeros((3, K)),
+        pool=np.zeros(rows, np.int64),
+        pool_count=np.zeros(1, np.int64),
         iterations=np.zeros(1, np.int64),
     )
 
@@ -104,13 +108,25 @@ def _find_right_side(rows: WorkingSetRows, row: int, side: float) -> float:
 
 
 @compiled
+def _dot(x: Array, y: Array, count: int) -> float:
+    """Return the sum of x_j y_j over j < count, in four sums that do not wait for each other."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    quarter = count - count % 4
+    for j in range(0, quarter, 4):
+        a += x[j] * y[j]
+        b += x[j + 1] * y[j + 1]
+        c += x[j + 2] * y[j + 2]
+        d += x[j + 3] * y[j + 3]
+    for j in range(quarter, count):
+        a += x[j] * y[j]
+    return (a + b) + (c + d)
+
+
+@compiled
 def _substitute_forward(w: WorkingSet, count: int, x: Array) -> None:
     """Solve L x = x in place."""
     for i in range(count):
-        total = x[i]
-        for j in range(i):
-            total -= w.L[i, j] * x[j]
-        x[i] = total
+        x[i] -= _dot(w.L[i], x, i)
 
 
 @compiled
@@ -140,15 +156,10 @@ def _compute_pivot(rows: WorkingSetRows, w: WorkingSet, row: int, side: float) -
     n = w.count[0]
     line = w.L[n]
     new = rows.M[row]
-    length = 0.0
-    for j in range(new.shape[0]):
-        length += new[j] * new[j]
+    k = new.shape[0]
+    length = _dot(new, new, k)
     for i in range(n):
-        active_row = rows.M[w.row[i]]
-        total = 0.0
-        for j in range(new.shape[0]):
-            total += new[j] * active_row[j]
-        line[i] = total * side * w.side[i]
+        line[i] = _dot(new, rows.M[w.row[i]], k) * side * w.side[i]
     _substitute_forward(w, n, line)
     for i in range(n):
         scaled = line[i] / w.D[i]

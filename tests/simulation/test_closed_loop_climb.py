@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import fields, replace
 
@@ -51,15 +52,13 @@ class IdealRobot:
         """Start; depth: (N,) of surfaces behind their planned places [m], inf of none."""
         self.plan, self.executive, self.depth = plan, executive, depth
         self._schedule = build_schedule(plan, 0.03)
-        self._places = plan.rounds.toes[0].copy()
+        self.places = plan.rounds.toes[0].copy()
 
     def read(self, sample: int, force: Array) -> tuple[Array, Array]:
         """Return angles and motor torques (N, J) of toes that bear forces (N, 3)."""
         plan, command = self.plan, self.executive.command
         com, rpy = plan.trajectory.com[sample], plan.trajectory.rpy[sample]
-        inverse = standing_inverse(
-            plan.robot, com, rpy, self._places, self._schedule.normal[sample]
-        )
+        inverse = standing_inverse(plan.robot, com, rpy, self.places, self._schedule.normal[sample])
         bears = np.asarray(force.any(axis=1))[:, None]
         angles = np.where(bears, inverse.best(), command)
         torque = np.einsum("nij,ni->nj", jacobian_world(plan.robot, rpy, angles), force)
@@ -84,7 +83,7 @@ class IdealRobot:
             normal, place = schedule.normal[landing, limb], schedule.path[landing, limb]
             if (place - toes[limb]) @ normal >= self.depth[limb] + _TOUCH * softness[limb, 0, 0]:
                 force[limb] = _TOUCH * normal
-                self._places[limb] = place - self.depth[limb] * normal
+                self.places[limb] = place - self.depth[limb] * normal
         executive.step(_STEP, *self.read(sample, force))
 
 
@@ -175,6 +174,24 @@ def test_a_limb_that_still_carries_does_not_lift(planned: Planned) -> None:
         assert executive.time < 20.0
     assert "still carries" in executive.stopped
     assert executive.clock == pytest.approx(plan.trajectory.time[lift.sample])
+
+
+def test_a_robot_stops_once_a_toe_has_slid_off_its_foothold(planned: Planned) -> None:
+    plan = planned()
+    executive = ClimbExecutive(plan)
+    robot = IdealRobot(plan, executive, np.zeros(plan.robot.limb_count))
+    robot.step()
+    lifted = int(np.flatnonzero(plan.instants.lifted[0])[0])
+    limb = (lifted + 3) % plan.robot.limb_count
+    for _ in range(10):  # down its wall
+        robot.places[limb, 2] -= 6e-3
+        robot.step()
+    while not executive.finished:
+        robot.step()
+        assert executive.time < 20.0
+    name = plan.robot.limb_names[limb]  # the estimate of the pose takes a part of 60 mm
+    assert re.fullmatch(rf"{name} has slid 5\d mm off its foothold", executive.stopped)
+    assert not any(event.kind == "touched" for event in executive.events)
 
 
 def test_motors_are_told_to_carry_their_links_too(planned: Planned) -> None:

@@ -12,7 +12,7 @@ as the plan says:
 - Lift. A limb that still carries at the end of its unloading is drawn back slowly, while the others
   take over. It leaves once it is unloaded and they hold.
 - Slip. If a toe slips while a limb is in the air, that limb returns to where it stood. Forces are
-  solved again for the friction that was seen.
+  solved again for the friction that was seen. A toe that has slid far ends the climb.
 
 Where there is no way on, the robot stops with all its toes that can be on their surfaces, and says
 why. Joint commands are the plan's at the clock, plus the regulator's corrections
@@ -233,6 +233,9 @@ class ClimbExecutive:
             seconds = _BLEND_FRACTION * float(end - schedule.time[gate.sample])
             self._seek_forces(int(schedule.instant[gate.sample]), seconds)
         elif gate.kind == "unload":
+            self._stop_after_slide(gate.sample)
+            if self.stopped:
+                return
             lift = schedule.gates[self._next_gate]
             self._landed[limbs] = False
             self.contacts.measure_load(self.sample, self._touched)
@@ -277,6 +280,17 @@ class ClimbExecutive:
             before = self._solve_forces(instant - 1)
             if before is not None:
                 self._change_forces(before.force, self._settings.blend_time)
+
+    def _stop_after_slide(self, sample: int) -> None:
+        """Stop if a toe has slid so far that the plan's stance is no longer that of the robot."""
+        slide = self.contacts.pose.places - self._plan.instants.toes[self._schedule.instant[sample]]
+        normal = self._schedule.normal[sample]
+        slide -= (slide * normal).sum(axis=1, keepdims=True) * normal
+        distance = np.linalg.norm(slide, axis=1)
+        limb = int(np.argmax(distance))
+        if distance[limb] > self._settings.max_slide:
+            name = self._plan.robot.limb_names[limb]
+            self._stop(limb, f"{name} has slid {1e3 * distance[limb]:.0f} mm off its foothold")
 
     def _note_event(self, kind: EventKind, limb: int, value: float) -> None:
         self.events.append(ExecutiveEvent(self.time, self.clock, kind, limb, value))

@@ -29,6 +29,7 @@ class ExecutiveSettings:
     return_speed: float = 2.0  # of the clock, by the plan's
     pause: float = 2.0  # [s] after a limb has returned
     slip: float = 4e-3  # [m] of a toe against the others, from which it has slipped
+    max_slide: float = 0.05  # [m] of a toe along its surface, off its planned foothold
     slip_time: float = 1.0  # [s] in which slips show the friction of a surface once
     blend_time: float = 0.7  # [s] in which forces change in a stance
     reaction_time: float = 0.2  # [s] likewise, once a toe has slipped

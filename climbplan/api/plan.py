@@ -15,7 +15,7 @@ import webbrowser
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import h5py
 import numpy as np
@@ -285,6 +285,7 @@ class Plan(Group):
         *,
         rate: float | None = None,
         gains: str | None = None,
+        pace: float | Literal["fastest"] = 1.0,
     ) -> Path:
         """Write the motion for a robot or another simulator, as `climbplan export` does.
 
@@ -295,6 +296,8 @@ class Plan(Group):
             rate: sample rate [Hz]; None keeps the plan's own samples, of "motion" 50 Hz.
             gains: P gain of the controller [N m/rad], a YAML file of gains, or "rigid"; None keeps
                 the robot's joint stiffness.
+            pace: of "motion": factor on the planned speed of a climb, or the fastest that inverse
+                dynamics allow.
 
         Raises:
             UsageError: the format is not known, the path exists, or the plan has no motion.
@@ -316,9 +319,11 @@ class Plan(Group):
 
             if gains is not None or target.suffix != ".npz":
                 raise UsageError(f"{target}: expected a file that ends with .npz, without gains")
-            tracked = self._kind.read_tracked_motion(self._path, rate)
+            tracked = self._kind.read_tracked_motion(self._path, rate, pace)
             write_motion_file(dataclasses.replace(tracked, is_verified=True), target)
             return target
+        if pace != 1.0:
+            raise UsageError(f"pace={pace!r}: expected with format 'motion'")
         motion = self._kind.read_motion(self._path)
         options = ControllerOptions(rate, gains)
         if format == "jtc":

@@ -17,6 +17,7 @@ from climbplan.datasets.motions.scenes import (
     NO_ROBOT,
     SceneFamilies,
     SceneSample,
+    list_meshes,
     make_course,
     measure_height,
 )
@@ -25,9 +26,10 @@ from climbplan.datasets.motions.walkers import prepare_walkers
 from climbplan.datasets.schema.loading import load_dataset
 from climbplan.datasets.schema.motions import MotionsProblemSpec, SpecSceneSpec
 from climbplan.datasets.shards import ShardStore
-from climbplan.errors import SpecError
+from climbplan.errors import SpecError, UsageError
 from climbplan.motions.measure import measure_motion
 from climbplan.motions.motion_file import read_motion_file
+from climbplan.scan.courses import make_slope
 from climbplan.store.dataset import Dataset, DatasetFrame, build_solution_layout
 from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
 from climbplan.store.dataset_row import Row, RowAnswer, build_dataset, derive_seed
@@ -101,6 +103,24 @@ def test_specs_are_those_of_robot_and_ground(tmp_path: Path) -> None:
     assert spec["task"]["start"]["com"][1] + 0.445 == pytest.approx(0.2)  # foremost toes
     walls = SceneSample("walker_0", 3, NO_ROBOT, {"terrain.friction": 1.1}, 3)
     assert yaml.safe_load(whole.load(walls, tmp_path).text)["terrain"]["friction"] == 1.1
+
+
+def test_scans_are_walked_over_at_their_own_heights(tmp_path: Path) -> None:
+    scans = tmp_path / "scans"
+    scans.mkdir()
+    with pytest.raises(UsageError, match="no mesh in it"):
+        list_meshes(scans)
+    make_slope(0.2, 0.5).write(scans / "slope.stl")
+    whole = families(scenes=[{"family": "scans", "folder": str(scans), "length": [2.0, 2.0]}])
+    drawn = whole.draw(np.random.default_rng(0))
+    spec = yaml.safe_load(whole.load(drawn, tmp_path).text)
+    assert spec["terrain"]["scan"]["file"] == str(scans / "slope.stl")
+    start, goal = (spec["task"][name]["com"] for name in ("start", "goal"))
+    assert goal[1] - start[1] == pytest.approx(2.0)
+    assert start[2] == pytest.approx(0.24)
+    assert goal[2] == pytest.approx(0.24 + 0.5 * np.tan(0.2), abs=1e-3)
+    with pytest.raises(UsageError, match="no ground at"):
+        measure_height(make_slope(0.2, 0.5).mesh.triangles, 50.0)
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import climbplan
 from climbplan.cli.app import run
 from climbplan.climb.exports.tracked_motion import read_tracked_motion
 from climbplan.errors import UsageError
@@ -124,6 +125,11 @@ def test_a_plan_is_exported_at_its_fastest_pace(
     assert fast.fps == 50
     assert fast.time[-1] == pytest.approx(climb_motion.time[-1] / pace, abs=0.05)
     assert all(check.passed for check in measure_motion(fast, {}, robot))
+    plan = climbplan.load_plan(urdf_climb)
+    faster = read_motion_file(plan.export(tmp_path / "faster.npz", "motion", pace=1.1))
+    assert faster.facts["pace"] == 1.1
+    with pytest.raises(UsageError, match="expected with format 'motion'"):
+        plan.export(tmp_path / "faster.csv", "npz", pace=2.0)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,14 @@ from climbplan.methods.candidate_solving import build_integer_key, candidate_at,
 from climbplan.methods.envelope_rounds import build_default_partitions
 from climbplan.methods.pipeline import CheckedPoint
 from climbplan.methods.reduced_programs import ReducedPrograms
-from climbplan.methods.task import Method, Outcome, Task, format_origin, solve_candidates
+from climbplan.methods.task import (
+    MAX_ROOT_CANDIDATES,
+    Method,
+    Outcome,
+    Task,
+    format_origin,
+    solve_candidates,
+)
 from climbplan.program.box import VariableBox, compute_product_range
 from climbplan.program.instance import Instance
 from climbplan.program.problem import Problem
@@ -71,10 +78,10 @@ def create_learned_method(method: Method) -> Callable[[Task], Outcome]:
                 return f"candidate {place + 1} ({method})"
             return format_origin(place, candidate)
 
-        candidates = task.find_neighbours(method)
         if _is_for_compiled_tree(task):
+            candidates = task.find_neighbours(method, MAX_ROOT_CANDIDATES)
             return _try_at_root(task, candidates, format_candidate)
-        return solve_candidates(task, candidates, format_candidate)
+        return solve_candidates(task, task.find_neighbours(method), format_candidate)
 
     return solve
 

@@ -38,7 +38,8 @@ from climbplan.solvers.result import Answer, SolverResult, judge_answer
 Method = ProgramMethod
 Start = ProgramStart
 
-_NEIGHBOURS = {"mpcc": 3}
+_MAX_CANDIDATES = 10  # sets of integers that are tried
+MAX_ROOT_CANDIDATES = 20  # those tried at the root of the compiled tree, which costs little
 _MIN_TIME = 0.1  # time for a follow-up after the time limit [s]
 _Value = TypeVar("_Value")
 
@@ -71,7 +72,7 @@ class MethodSettings:
     start: Start | None = None  # of mpcc: manual if the problem states a guess, else zero
     work: int | None = None  # of a sequence: dual steps of one tree, which count the same each time
     certificate: bool = False  # branch-and-bound: a proof of the bound comes with the answer
-    neighbours: int | None = None  # sets of integers to try: 10, 3 for mpcc
+    neighbours: int | None = None  # sets of integers to try: 10, 20 at the root, 3 for mpcc
     fallback: Method | None = "minlp-scip"  # of learned methods, where no candidate holds
     library: Library | None = None
     model: StrategyModel | None = None  # of learned methods; knn may have a library instead
@@ -156,13 +157,15 @@ class Task:
         rejection = self.explain_rejection(x)
         return CheckedPoint(not rejection, cost, x, rejection)
 
-    def find_neighbours(self, method: Method) -> tuple[Candidate, ...]:
+    def find_neighbours(
+        self, method: Method, default_count: int = _MAX_CANDIDATES
+    ) -> tuple[Candidate, ...]:
         """Return the nearest sets of integers, each once; with products also further starts."""
         strategy = self.kept.compute_once(
             f"strategy of {method}", lambda: self._create_strategy(method)
         )
         features = self.problem.feature_vector(self.theta)
-        count = self.settings.neighbours or _NEIGHBOURS.get(method, 10)
+        count = self.settings.neighbours or default_count
         return tuple(strategy.candidates(features, count))
 
     def _create_strategy(self, method: Method) -> Strategy:

@@ -8,13 +8,21 @@ import numpy as np
 
 from climbplan.arrays import Array, IntArray
 from climbplan.errors import LimitReached, UsageError
+from climbplan.learning.strategy import Candidate
 from climbplan.methods.candidate_solving import candidate_at, solve_candidate
 from climbplan.methods.envelope_rounds import (
     MICP_SOLVERS,
     build_default_partitions,
     solve_micp,
 )
-from climbplan.methods.task import Method, Outcome, Task, format_origin, select_best
+from climbplan.methods.task import (
+    MAX_ROOT_CANDIDATES,
+    Method,
+    Outcome,
+    Task,
+    format_origin,
+    select_best,
+)
 from climbplan.program.box import propagate_box
 from climbplan.program.instance import Instance
 from climbplan.reformulations.base import Reformulated
@@ -34,6 +42,7 @@ from climbplan.solvers.result import Answer, SolverResult, judge_answer
 from climbplan.solvers.tree.branch_and_bound import is_conic, solve_branch_and_bound
 
 _TREE: Method = "branch-and-bound"
+_MAX_STARTS = 3  # neighbours from which complementarity starts
 
 
 def solve_by_tree(task: Task) -> Outcome:
@@ -53,7 +62,9 @@ def solve_by_tree(task: Task) -> Outcome:
         result = tree.solve(task.instance, task.time_left)
         return Outcome(result, "own tree", 1, certificate=tree.certificate)
     sources = settings.library, settings.model, settings.strategy
-    proposals = task.find_neighbours(name) if any(source is not None for source in sources) else ()
+    proposals: tuple[Candidate, ...] = ()
+    if any(source is not None for source in sources):
+        proposals = task.find_neighbours(name, MAX_ROOT_CANDIDATES)
     stated = state_cones(task.instance)
     result = solve_branch_and_bound(
         stated, settings.gap, task.time_left, settings.tolerance, proposals=proposals
@@ -149,7 +160,7 @@ def solve_by_complementarity(task: Task) -> Outcome:
     start = settings.start or ("zero" if guess is None else "manual")
     tried: list[tuple[str, SolverResult]] = []
     if start == "knn":
-        neighbours = task.find_neighbours("mpcc")
+        neighbours = task.find_neighbours("mpcc", _MAX_STARTS)
         for k, c in enumerate(neighbours):
             answer = _solve_homotopy(task, c.start, c.alternatives, STRAIGHT, how.forms[0])
             tried.append((format_origin(k, c), answer))

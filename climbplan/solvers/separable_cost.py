@@ -44,6 +44,8 @@ def is_convex(P: sparse.spmatrix) -> bool:
     if P.count_nonzero() == np.count_nonzero(diagonal):
         return True
     for index, H in _iterate_blocks(sparse.csr_matrix(P)):
+        if len(index) == 1:
+            continue  # whose diagonal is not negative
         try:
             np.linalg.cholesky(H + _compute_rounding(H) * np.eye(len(index)))
         except np.linalg.LinAlgError:
@@ -112,6 +114,14 @@ def _iterate_blocks(P: sparse.csr_matrix) -> Iterator[tuple[IntArray, Array]]:
     P.eliminate_zeros()
     curved = np.flatnonzero(np.diff(P.indptr))
     num_blocks, label = connected_components(P[curved][:, curved], directed=False)
-    for block in range(num_blocks):
-        index = curved[label == block]
-        yield index, P[index][:, index].toarray()
+    order = curved[np.argsort(label, kind="stable")]
+    sorted_matrix = sparse.csr_matrix(P[order][:, order])
+    ends = np.cumsum(np.bincount(label, minlength=num_blocks))
+    for begin, end in zip(ends - np.diff(ends, prepend=0), ends, strict=True):
+        # The entries of a block's rows, whose columns are all in the block
+        pointers = sorted_matrix.indptr[begin : end + 1]
+        row = np.repeat(np.arange(end - begin), np.diff(pointers))
+        entries = slice(pointers[0], pointers[-1])
+        H = np.zeros((end - begin, end - begin))
+        H[row, sorted_matrix.indices[entries] - begin] = sorted_matrix.data[entries]
+        yield order[begin:end], H

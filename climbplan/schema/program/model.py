@@ -134,7 +134,8 @@ class ProgramSolverSpec(SpecModel):
     )
     neighbours: Count | None = quantity(
         "",
-        "how many sets of integers to try: 10, 3 for `mpcc` if left out; of `reduce` how many "
+        "how many sets of integers to try: if left out 10, 3 for `mpcc`, 20 at the root of the "
+        "compiled tree; of `reduce` how many "
         "clusters: 1, and further ones while none gave an answer",
         default=None,
         ge=1,

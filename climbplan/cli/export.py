@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -15,10 +16,14 @@ from climbplan.errors import UsageError
 
 if TYPE_CHECKING:
     from climbplan.api.kinds import PlanKind
+    from climbplan.exports.formats import Format
+    from climbplan.exports.motion import RobotMotion
 
 
 # Names of `climbplan.exports.formats.FORMATS`, of motions and regulators, not imported for --help
 FormatName = Literal["csv", "npz", "mcap", "ros2", "jtc", "usd", "motion", "regulator"]
+_SAMPLED_FORMATS = ("csv", "npz", "mcap", "ros2")  # others are interpolated where they are used
+_MAX_SPACING = 0.06  # [s] between samples, above which a controller needs more of them
 TRACKED_MOTION = "tracked_motion.npz"  # beside the plan; `motion.npz` is of --format npz
 
 
@@ -295,7 +300,7 @@ def _write_motion(kind: PlanKind, path: Path, options: ExportOptions, remark: st
     if options.out == "-":
         raise UsageError("-o -: only the plain CSV goes to standard output")
     chosen = FORMATS[options.format_]
-    target = Path(options.out) if options.out is not None else path.parent / chosen.name
+    target = _choose_target(path.parent, options.out, chosen)
     if not chosen.directory:
         _require_free(target, options.force)
     if options.pace is not None:
@@ -311,6 +316,8 @@ def _write_motion(kind: PlanKind, path: Path, options: ExportOptions, remark: st
     motion = adapt_motion(plan, how)
     for note in motion.words:
         warn(note)
+    if options.rate is None and options.format_ in _SAMPLED_FORMATS:
+        _warn_of_sparse_samples(motion)
     motion = name_unverified(motion, remark)
     if chosen.directory:
         with OutputDirectory(target, options.force) as output:
@@ -321,6 +328,23 @@ def _write_motion(kind: PlanKind, path: Path, options: ExportOptions, remark: st
         chosen.write(motion, target)
         mark_unverified(target, remark)
     return target
+
+
+def _choose_target(folder: Path, out: str | None, chosen: Format) -> Path:
+    """Return where an export goes; a file gets its usual name in a directory, and its suffix."""
+    target = Path(out) if out is not None else folder / chosen.name
+    if chosen.directory:
+        return target
+    if target.is_dir():
+        return target / chosen.name
+    return target if target.suffix else target.with_suffix(Path(chosen.name).suffix)
+
+
+def _warn_of_sparse_samples(motion: RobotMotion) -> None:
+    """Warn that the samples of a plan, exported as they are, are too few for a controller."""
+    spacing = max((b - a for a, b in pairwise(map(float, motion.time))), default=0.0)
+    if spacing > _MAX_SPACING:
+        warn(f"samples are up to {spacing:.2g} s apart: --rate 100 puts splines through them")
 
 
 def _require_free(target: Path, force: bool) -> None:

@@ -91,7 +91,8 @@ def thin_scene(scene: ViewerScene) -> ViewerScene:
 def build_badge(level: Level, badge: str, advice: str) -> str:
     """Return the level of a plan, its badge and what to do, as HTML."""
     return (
-        f'<p><b style="color:{COLOURS[level]}">{html.escape(level.label)}</b> · '
+        f'<p><b style="background:{COLOURS[level]};color:#fff;padding:0 .4em;border-radius:.25em">'
+        f"{html.escape(level.label)}</b> · "
         f"{html.escape(badge)}: {html.escape(advice)}</p>"
     )
 

@@ -96,7 +96,10 @@ def find_kind(document: Document, expected_kind: str | None = None) -> str | Fin
             ("kind",), f"expected one of {kind_names}, got {format_value(kind)}", closest
         )
     if expected_kind is not None and kind != expected_kind:
-        message = f"expected a spec of kind `{expected_kind}`, got a `{kind}`"
+        message = (
+            f"expected a spec of kind `{expected_kind}`, got a `{kind}`; `climbplan new "
+            f"{expected_kind}` writes an example"
+        )
         raise SpecError(document.source, [document.mistake(Finding(("kind",), message))])
     return kind
 

@@ -133,7 +133,8 @@ class Solution:
             for name, values in self.values.items()
         )
         head = "<tr><th>variable</th><th>shape</th><th>values</th></tr>"
-        return f"<p><b>{text}</b>, bound {self.bound:.6g}</p><table>{head}{rows}</table>"
+        table = f'<div style="overflow-x:auto"><table>{head}{rows}</table></div>'
+        return f"<p><b>{text}</b>, bound {self.bound:.6g}</p>{table}"
 
     def __repr__(self) -> str:
         cost = "" if self.objective is None else f", objective {self.objective:.6g}"

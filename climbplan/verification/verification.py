@@ -220,7 +220,8 @@ class Verification:
             f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in cells
         )
         summary = escape(f"{self.level.label}: {self.badge}; {self.headline()}")
-        return f"<p><b>{summary}</b></p><table><tr>{head}</tr>{body}</table>"
+        table = f"<table><tr>{head}</tr>{body}</table>"
+        return f'<p><b>{summary}</b></p><div style="overflow-x:auto">{table}</div>'
 
     def scope(self) -> dict[str, Any]:
         """Return what the badge says, as plain values for JSON: of reports and of `as_dict`."""

@@ -30,6 +30,7 @@ def plan() -> climbplan.Plan:
 def test_a_plan_shows_level_figures_and_an_offline_replay(plan: climbplan.Plan) -> None:
     page = plan._repr_html_()
     assert ">fine</b>" in page
+    assert "color:#fff" in page  # on its own ground, on dark pages too
     assert "24 instants" in page
     assert "<iframe" in page
     assert "srcdoc" in page
@@ -56,6 +57,7 @@ def test_a_verification_lists_the_worst_first(plan: climbplan.Plan) -> None:
     page = checked._repr_html_()
     places = {check.name: page.index(f"<td>{check.name}</td>") for check in checked.checks}
     assert min(places, key=places.__getitem__) == checked.tightest.name
+    assert '<div style="overflow-x:auto"><table>' in page  # narrow windows scroll the table alone
     assert repr(checked).startswith("<Verification: verified; fine; 61 checks")
     failed = plan.verify(SPEC, {"force.safety_friction": 2.0})
     assert failed._repr_html_().index("<td>failed</td>") < failed._repr_html_().index("<td>passed")

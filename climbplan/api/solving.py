@@ -179,8 +179,12 @@ def solve(
         raise UsageError(f"unknown method {method!r}: expected one of {', '.join(METHODS)}")
     unknown = sorted(set(settings) - set(MethodSettings.__dataclass_fields__))
     if unknown:
-        setting_names = ", ".join(MethodSettings.__dataclass_fields__)
-        raise UsageError(f"no setting {', '.join(unknown)}: expected some of {setting_names}")
+        setting_names = [*MethodSettings.__dataclass_fields__, "method"]
+        closest = find_closest_name(unknown[0], setting_names)
+        hint = f" (did you mean {closest!r}?)" if closest else ""
+        raise UsageError(
+            f"no setting {', '.join(unknown)}{hint}: expected some of {', '.join(setting_names)}"
+        )
     if isinstance(settings.get("library"), str | Path):
         settings["library"] = read_library(exact_problem, Path(settings["library"]))
     if isinstance(settings.get("model"), str | Path):

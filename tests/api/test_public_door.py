@@ -203,7 +203,7 @@ def test_a_problem_of_ones_own() -> None:
     assert "by nlp" in repr(found)
     with pytest.raises(UsageError, match="unknown method"):
         climbplan.solve(tipped_box.problem, theta, method="simplex")
-    with pytest.raises(UsageError, match="no setting timelimit"):
+    with pytest.raises(UsageError, match="did you mean 'time_limit'"):
         climbplan.solve(tipped_box.problem, theta, timelimit=3.0)
 
 

@@ -20,7 +20,7 @@ from climbplan.instances import families
 NAMES = {
     "posture", "force", "plan", "coupled", "transition", "mpc", "refusals", "stands", "scans",
     "judge", "zoo", "growth", "windows", "bookshelf", "strategies", "limms", "instances", "engine",
-    "courses", "conic", "qplib", "closed_loop",
+    "courses", "conic", "qplib", "closed_loop", "learned",
 }  # fmt: skip
 SHARED = {"--quick", "--json", "--quiet", "--verbose"}
 

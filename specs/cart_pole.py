@@ -2,8 +2,7 @@
 
 The cart may push its pole's tip against a wall and take the force. One binary a wall and step
 says whether the tip is in contact; the horizon is 10 steps. Dynamics are linear about upright,
-as in arXiv 2310.03344 and 2406.00780. Everything below is stated with `climbplan.program` only, and
-every method of `climbplan solve` takes it from there:
+as in arXiv 2310.03344 and 2406.00780. Every method of `climbplan solve` takes it from here:
 
     climbplan solve specs/cart_pole.yaml --problem specs/cart_pole.py:problem
 
@@ -20,10 +19,8 @@ from climbplan.program import Problem, Program
 
 Array = NDArray[np.float64]
 
-HORIZON = 10
-STEP = 0.02  # [s]
-CART, TIP_MASS, LENGTH = 1.0, 0.4, 0.6  # [kg], [kg], [m]
-GRAVITY = 9.81  # [m/s^2]
+HORIZON, STEP = 10, 0.02  # [-], [s]
+CART, TIP_MASS, LENGTH, GRAVITY = 1.0, 0.4, 0.6, 9.81  # [kg], [kg], [m], [m/s^2]
 STIFFNESS = 50.0  # of both walls [N/m]
 WALLS = np.array([0.35, 0.40])  # right, left: distance from the middle [m]
 REACH, MOST_FORCE, MOST_INPUT = 0.6, 30.0, 20.0  # [m], [N], [N]
@@ -33,8 +30,7 @@ SIDE = np.array([1.0, -1.0])  # right wall, left wall
 # Newton for the cart and for the tip, with sin(theta) = theta:
 #   CART dv/dt = u + TIP_MASS GRAVITY theta
 #   LENGTH domega/dt = dv/dt + GRAVITY theta - push / TIP_MASS,  push: force on the tip to the right
-_PULL = GRAVITY * TIP_MASS / CART
-_FALL = GRAVITY * (CART + TIP_MASS) / (CART * LENGTH)
+_PULL, _FALL = GRAVITY * TIP_MASS / CART, GRAVITY * (CART + TIP_MASS) / (CART * LENGTH)
 DRIFT = np.array([[0, 0, 1, 0], [0, 0, 0, 1], [0, _PULL, 0, 0], [0, _FALL, 0, 0]])
 INPUT = np.array([[0], [0], [1 / CART], [1 / (CART * LENGTH)]])
 CONTACT = np.outer([0, 0, 0, 1 / (TIP_MASS * LENGTH)], SIDE)  # the right wall pushes left
@@ -111,8 +107,7 @@ def contact_features(theta: dict[str, Array]) -> Array:
 
 def problem() -> Problem:
     """Walls that damp: a mixed-integer bilinear program."""
-    program = cart_pole(damping=0.1)
-    return Problem("cart_pole", program, random_theta, contact_features, {"tip": 4})
+    return Problem("cart_pole", cart_pole(0.1), random_theta, contact_features, {"tip": 4})
 
 
 def springs() -> Problem:
@@ -121,6 +116,5 @@ def springs() -> Problem:
 
 
 def long_springs() -> Problem:
-    """The same over 30 steps, where branch and bound takes long without learned integers."""
-    program = cart_pole(horizon=3 * HORIZON)
-    return Problem("cart_pole_long", program, random_theta, contact_features)
+    """The same over 30 steps, where learned integers make branch and bound faster."""
+    return Problem("cart_pole_long", cart_pole(horizon=30), random_theta, contact_features)

@@ -71,7 +71,8 @@ def solve_by_tree(task: Task) -> Outcome:
     )
     if stated is not task.instance and result.x is not None:
         result = _judge_as_stated(task, result)
-    return Outcome(result, "own tree", 1 + len(proposals))
+    origin = "own tree, learned integers first" if proposals else "own tree"
+    return Outcome(result, origin, 1 + len(proposals))
 
 
 def _create_proving_tree(task: Task) -> WarmStartedTree | WarmStartedSpatialTree | ConicSearch:

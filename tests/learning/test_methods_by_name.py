@@ -253,6 +253,7 @@ def test_auto_with_a_model_tries_its_integers_first_and_proves() -> None:
     answer = solve_instance(problem, theta, "auto", MethodSettings(model=model))
     assert answer.method == "branch-and-bound"
     assert answer.tried > 1
+    assert answer.winner == "own tree, learned integers first"
     assert answer.result.status == "optimal"
 
 

@@ -14,9 +14,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
+from climbplan.errors import UsageError
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer import nodes as slots
-from climbplan.solvers.mixed_integer.branch_and_reduce import BranchAndReduce
+from climbplan.solvers.mixed_integer.branch_and_reduce import BranchAndReduce, LocalSearch
 from climbplan.solvers.mixed_integer.certification import (
     certify_search,
     certify_without_search,
@@ -54,6 +55,10 @@ _TREE_TIME_FRACTION = (
 _MAX_CERTIFIED_NODES = (
     5_000  # largest number of its nodes, so that certificates stay quick to check
 )
+
+_NODES_BEFORE_REDUCTION = 2_000  # of the compiled tree, before it rests
+_REDUCTION_NODES = 2_000  # largest number of nodes of branch and reduce meanwhile
+_REDUCTION_TIME_FRACTION = 0.5  # of the time left
 
 
 def solve_spatial(
@@ -93,6 +98,7 @@ class WarmStartedSpatialTree(WarmStartedSolver):
     """
 
     MAX_LEAVES = 40_000  # trees in space have many
+    _reduction: BranchAndReduce | None = None  # of the last solve
 
     def solve(
         self,
@@ -119,6 +125,7 @@ class WarmStartedSpatialTree(WarmStartedSolver):
         warm_up_kernels(name, WarmStartedSpatialTree(proves=self.proves).solve, products=True)
         begin = time.perf_counter()
         deadline, gap, tolerance = begin + time_limit, self.gap, self.tolerance
+        self._reduction = None
         problem = _build_envelope_program(instance, deadline)
         if isinstance(problem, ProvedInfeasible):
             self._certify_presolve(instance)
@@ -143,6 +150,8 @@ class WarmStartedSpatialTree(WarmStartedSolver):
             leaves = self.warm_start.select_start(problem.form, move)
             run = self._search_from_leaves(instance, problem, incumbent, leaves, deadline, nodes)
             answer = _build_answer(run, incumbent, problem.factors, begin, known_result)
+            if self._reduction is not None:
+                answer = _add_reduction(answer, incumbent, self._reduction)
         return judge_answer(instance, answer, gap, tolerance)
 
     def _search_from_leaves(
@@ -169,13 +178,35 @@ class WarmStartedSpatialTree(WarmStartedSolver):
             if not run.is_finished and not run.has_used_budget and time.perf_counter() < deadline:
                 run = TreeRun.create(program, self.gap, self.tolerance, leaves.root(), self.work)
                 warm_started = False
-        _alternate_searches(run, form, incumbent, deadline, nodes)
+        _alternate_searches(run, form, incumbent, deadline, min(nodes, _NODES_BEFORE_REDUCTION))
+        if not run.is_finished and nodes > _NODES_BEFORE_REDUCTION:
+            self._reduction = self._reduce_for_a_while(instance, run, incumbent, deadline)
+            if self._reduction is None or not self._reduction.is_finished:
+                _alternate_searches(run, form, incumbent, deadline, nodes)
         point = None
         if incumbent.x is not None and incumbent.assignment is not None:
             lifted = np.concatenate([incumbent.x, instance.products.values(incumbent.x)])
             point = form.encode_point(lifted, incumbent.assignment)
         self.warm_start.store(run, form, leaves, warm_started, point, self.work)
         return run
+
+    def _reduce_for_a_while(
+        self, instance: Instance, run: TreeRun, incumbent: Incumbent, deadline: float
+    ) -> BranchAndReduce | None:
+        """Branch and reduce for some nodes; None where no time is left, or rows do not allow it.
+
+        Where ranges imply each other it ends long before the compiled tree.
+        """
+        now = time.perf_counter()
+        if run.has_used_budget or now >= deadline:
+            return None
+        search_locally = _create_local_search(incumbent)
+        try:
+            search = BranchAndReduce(instance, self.gap, incumbent.cost, search_locally)
+        except UsageError:  # the checker's rows do not bound a factor
+            return None
+        search.run(now + _REDUCTION_TIME_FRACTION * (deadline - now), _REDUCTION_NODES)
+        return search
 
     def _solve_with_certificate(
         self,
@@ -215,23 +246,11 @@ class WarmStartedSpatialTree(WarmStartedSolver):
         self, instance: Instance, incumbent: Incumbent, answer: Answer, deadline: float, nodes: int
     ) -> Answer:
         """Continue with branch and reduce, and store its certificate."""
-
-        def search_locally(x: Array, assignment: IntArray) -> float:
-            incumbent.search_locally(x, assignment, max_starts=np.inf)
-            return incumbent.cost
-
+        search_locally = _create_local_search(incumbent)
         search = BranchAndReduce(instance, self.gap, incumbent.cost, search_locally)
         search.run(deadline, nodes - answer.nodes)
         self.certificate = search.build_certificate()
-        return replace(
-            answer,
-            x=incumbent.x,
-            assignment=incumbent.assignment,
-            bound=max(answer.bound, search.bound),
-            infeasible=incumbent.x is None and search.is_finished and search.bound == np.inf,
-            nodes=answer.nodes + search.num_nodes,
-            log=(*answer.log, f"{search.num_nodes} nodes narrowed by rows and products"),
-        )
+        return _add_reduction(answer, incumbent, search)
 
     def _certify_presolve(self, instance: Instance, required_bound: float = np.inf) -> None:
         """Store the certificate of an instance that was not searched."""
@@ -301,6 +320,30 @@ def _build_answer(
         time=time.perf_counter() - begin,
         solver=NAME,
         log=tuple(log),
+    )
+
+
+def _create_local_search(incumbent: Incumbent) -> LocalSearch:
+    """Create the local search that branch and reduce calls."""
+
+    def search_locally(x: Array, assignment: IntArray) -> float:
+        incumbent.search_locally(x, assignment, max_starts=np.inf)
+        return incumbent.cost
+
+    return search_locally
+
+
+def _add_reduction(answer: Answer, incumbent: Incumbent, search: BranchAndReduce) -> Answer:
+    """Add incumbent and bound of branch and reduce to an answer."""
+    is_empty = incumbent.x is None and search.is_finished and search.bound == np.inf
+    return replace(
+        answer,
+        x=incumbent.x,
+        assignment=incumbent.assignment,
+        bound=max(answer.bound, search.bound),
+        infeasible=answer.infeasible or is_empty,
+        nodes=answer.nodes + search.num_nodes,
+        log=(*answer.log, f"{search.num_nodes} nodes narrowed by rows and products"),
     )
 
 

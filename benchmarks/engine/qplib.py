@@ -68,8 +68,8 @@ def run_qplib(
     limit = (QUICK_LIMIT if quick else TIME_LIMIT) if limit is None else limit
     rows = [] if out is None else read_rows(out / FILE, QplibRow)
     print(
-        f"QPLIB, gap 1e-4, {limit:g} s at most\n"
-        "instance      solver       seconds  status       objective       bound           best",
+        f"QPLIB, gap 1e-4, {limit:g} s of the clock at most\n"
+        "instance      solver       CPU [s]  status       objective       bound           best",
         file=stream,
     )
     for path in files:

@@ -131,3 +131,29 @@ def test_a_wrong_claim_of_the_solver_is_not_taken_over(monkeypatch: pytest.Monke
         lambda p, o: Claim(solve(p, o), clarabel.SolverStatus.PrimalInfeasible),
     )
     assert relaxation.solve(instance.lower, instance.upper).status != "infeasible"
+
+
+def fixed_cones(limit: float) -> Instance:
+    """Pairs of integers with |(2 a - b, a + b - 1)| <= limit, of which none is below 1."""
+    p = Program("fixed cones")
+    a, b = p.integer("a", (1,), 0, 2), p.integer("b", (1,), 0, 2)
+    p.cone(
+        "near", np.array([[2.0 * a[0] - b[0], a[0] + b[0] - 1.0]]), np.array([limit + 0.0 * a[0]])
+    )
+    p.minimise("cost", a[0] + 3.0 * b[0] + 1.0)
+    return p.instantiate()
+
+
+@pytest.mark.parametrize("limit", [0.9, 1.0, 2.0])
+def test_cones_of_fixed_variables_are_judged_and_proved(limit: float) -> None:
+    """A node without free variables has a cone program without variables, which no solver takes."""
+    instance = fixed_cones(limit)
+    points = [np.array([a, b], float) for a in range(3) for b in range(3)]
+    costs = [instance.objective(x) for x in points if instance.violation(x) <= 1e-9]
+    search = ConicSearch(GAP, proves=True)
+    result = search.solve(instance, 60.0)
+    assert result.status == ("optimal" if costs else "infeasible")
+    assert search.certificate is not None
+    verdict = check(instance, search.certificate)
+    assert not verdict.faults
+    assert verdict.bound == pytest.approx(min(costs, default=np.inf), abs=1e-4)

@@ -167,6 +167,8 @@ class ConicRelaxation:
         if not self._drop_constant_rows(is_free, has_row, b):
             return NodeSolution("infeasible", x, np.inf)
         if not is_free.any():
+            if self._compute_cone_violation(b) > FEASIBILITY:
+                return NodeSolution("infeasible", x, np.inf)
             return NodeSolution("solved", x, constant)
         program = _NodeProgram(
             P=self._curvature.select(is_free, is_free),
@@ -217,6 +219,15 @@ class ConicRelaxation:
         equal = np.arange(end) < self._num_equal
         violation = np.where(equal, np.abs(b[:end]), -b[:end])
         return not (violation[is_constant] > FEASIBILITY).any()
+
+    def _compute_cone_violation(self, b: Array) -> float:
+        """Return the largest violation of cones whose variables are all fixed, so that b is s."""
+        end, worst = len(b), 0.0
+        for size in reversed(self._cone_sizes):
+            limit, vector = b[end - size], b[end - size + 1 : end]
+            worst = max(worst, float(np.linalg.norm(vector) - limit))
+            end -= size
+        return worst
 
 
 @dataclass(frozen=True)

@@ -77,14 +77,14 @@ def compute_leaf_multipliers(
         empty: Whether to solve the elastic program, which proves infeasibility.
 
     Returns:
-        None where no variable is free, or the solver fails. The multipliers have no point where
-        they prove that the relaxation is infeasible.
+        None where the solver fails, or no variable is free and all balls hold. The multipliers
+        have no point where they prove that the relaxation is infeasible.
     """
     width = box.upper - box.lower
     free = np.flatnonzero(width > _FIXED * np.maximum(1.0, np.abs(box.lower)))
-    if not len(free):
-        return None
     fixed = np.where(np.isfinite(width), 0.5 * (box.lower + box.upper), 0.0)
+    if not len(free):
+        return _refute_point(instance, fixed, len(rows.lower))
     fixed[free] = 0.0
     equal = np.zeros(len(rows.lower), bool) if empty else _find_equations(rows, box)
     blocks = _FreeRows(
@@ -119,6 +119,31 @@ def compute_leaf_multipliers(
     v[free] = np.clip(x[: len(free)], box.lower[free], box.upper[free])
     point = None if empty or infeasible else v[: instance.size]
     return RelaxationSolution(Multipliers(point, y, ball), v)
+
+
+def _refute_point(instance: Instance, v: Array, num_rows: int) -> RelaxationSolution | None:
+    """Return multipliers of the most violated ball at v (N,), None where every ball holds.
+
+    With the unit vector u of F x + f, the ball implies u'(F x + f) <= radius + slope'x.
+    """
+    blocks: list[Array] = []
+    worst, begin, size = 0.0, 0, 0
+    for balls in instance.balls:
+        vectors, x = balls.vectors(v[: instance.size]), v[: instance.size]
+        lengths = np.linalg.norm(vectors, axis=1)
+        units = vectors / np.maximum(lengths, np.finfo(float).tiny)[:, None]
+        excess = lengths - balls.limits(x)
+        k, d = int(np.argmax(excess)), vectors.shape[1]
+        if excess[k] > worst:
+            worst, begin, size = float(excess[k]), sum(len(block) for block in blocks) + k * d, d
+        blocks.append(units.ravel())
+    if worst == 0.0:
+        return None
+    ball = np.concatenate(blocks)
+    is_other = np.ones(len(ball), bool)
+    is_other[begin : begin + size] = False
+    ball[is_other] = 0.0
+    return RelaxationSolution(Multipliers(None, np.zeros(num_rows), ball), v)
 
 
 def _substitute_fixed(rows: _InequalityRows, free: IntArray, fixed: Array) -> _InequalityRows:

@@ -376,3 +376,37 @@ def _collect_lengths(search: Any, length: int, prefix: str = "") -> list[str]:
         elif hasattr(value, "_asdict"):
             names += _collect_lengths(value, length, f"{name}.")
     return names
+
+
+def _state_one_point() -> Program:
+    """x = (1, -3) and z = 0 is the only point, and has the largest cost of the box."""
+    p = Program("one point")
+    x = p.continuous("x", (2,), np.array([-1.0, -3.0]), np.array([1.0, -2.0]))
+    z = p.binary("z", (1,))[0]
+    p.between("upper", np.array([x[0] + x[1]]), -np.inf, 2.0)
+    p.equal("corner", np.array([x[0] - x[1] - 3.0 * z - 4.0]))
+    p.minimise("cost", -x[0] - 2.0 * x[1] - 2.0 * z)
+    return p
+
+
+def _state_no_cost() -> Program:
+    """|x| + |y| <= 2 with open epigraphs."""
+    p = Program("no cost")
+    x, y = p.continuous("x", (3,), -4.0, 4.0), p.integer("y", (1,), -4, 4)
+    heights, v = p.continuous("heights", (4,)), np.append(x, y)
+    p.between("above", v - heights, -np.inf, 0.0)
+    p.between("below", -v - heights, -np.inf, 0.0)
+    p.between("length", np.array([np.sum(heights)] * 3), -np.inf, np.array([2.0, 3.0, 2.0]))
+    p.minimise("cost", 0.0 * x[0])
+    return p
+
+
+@pytest.mark.parametrize(
+    ("program", "optimum"), [(_state_one_point(), 5.0), (_state_no_cost(), 0.0)]
+)
+def test_bounds_that_round_beyond_the_largest_cost_prove_nothing(
+    program: Program, optimum: float
+) -> None:
+    result = WarmStartedTree(proves=True).solve(program.instantiate())
+    assert result.status == "optimal"
+    assert result.objective == pytest.approx(optimum, abs=1e-6)

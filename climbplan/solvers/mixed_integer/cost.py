@@ -19,6 +19,7 @@ from climbplan.solvers.separable_cost import NotConvexCost, describe_nonconvexit
 
 _PROXIMAL = 1e-6  # of the cost's own curvature over the box
 _FLAT = 1e-11  # pivot of the Hessian below which a direction is flat, relative
+_MARGIN = 1e-6  # relative, of the largest cost of a feasible point
 
 
 class Unbounded(UsageError):
@@ -96,8 +97,12 @@ def _factor(regular: Array, bounded: BoolArray) -> Array | None:
 
 
 def compute_max_cost(H: Array, g: Array, constant: float, lower: Array, upper: Array) -> float:
-    """Return an upper bound on the cost over the box; an open box gives a huge finite number."""
+    """Return an upper bound on the cost over the box; an open box gives a huge finite number.
+
+    Lower bounds beyond it prove that a node is empty, so it includes a margin for their rounding.
+    """
     max_abs = np.maximum(np.abs(lower), np.abs(upper))
     if np.isfinite(max_abs).all():
-        return constant + float(np.abs(g) @ max_abs + 0.5 * max_abs @ np.abs(H) @ max_abs)
+        size = float(np.abs(g) @ max_abs + 0.5 * max_abs @ np.abs(H) @ max_abs)
+        return constant + size + _MARGIN * max(1.0, abs(constant), size)
     return 1e15 * max(1.0, abs(constant), float(np.abs(g).max(initial=0.0)))

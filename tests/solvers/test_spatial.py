@@ -11,6 +11,7 @@ from climbplan.errors import UsageError
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import MethodSettings
 from climbplan.program import Problem, Program
+from climbplan.solvers.mixed_integer import spatial_method
 from climbplan.solvers.mixed_integer.spatial_method import WarmStartedSpatialTree, solve_spatial
 from climbplan.solvers.registry import solve
 
@@ -138,3 +139,21 @@ def test_remembered_boxes_cover_whatever_changes(most: int) -> None:
     assert found.count("optimal") >= 3
     assert memory.leaves is not None
     assert len(memory.leaves.low) <= most
+
+
+def test_the_tree_goes_on_where_branch_and_reduce_has_no_point(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Its nodes of integers alone are closed without a point where local searches find none."""
+    p = Program("integers and one slope")
+    x, z = p.continuous("x", (1,), -3.0, 1.0)[0], p.binary("z", (2,))
+    y = p.integer("y", (2,), np.array([-1, -2]), np.array([2, 0]))
+    p.between("products", np.array([y[0] * y[1] + y[0] + y[1], y[0] + y[0] * z[0]]), 2.0, np.inf)
+    row = 2.0 * x - 3.0 * y[0] - y[1] - 3.0 * z[0] - 3.0 * z[1] + y[1] * z[1]
+    p.between("mixed", np.array([row]), -np.inf, -3.0)
+    p.minimise("cost", x - 3.0 * y[0] - y[1] + 3.0 * z[0] - 2.0 * z[1])
+    monkeypatch.setattr(spatial_method, "_NODES_BEFORE_REDUCTION", 0)
+    monkeypatch.setattr(spatial_method, "_create_local_search", lambda _: lambda *_: np.inf)
+    result = solve_spatial(p.instantiate())
+    assert result.status == "optimal"
+    assert result.objective == pytest.approx(-11.0, abs=1e-6)

@@ -41,6 +41,7 @@ from climbplan.solvers.result import (
     Proposal,
     SolverResult,
     judge_answer,
+    relative_gap,
 )
 
 NAME = "branch-and-bound"
@@ -181,7 +182,7 @@ class WarmStartedSpatialTree(WarmStartedSolver):
         _alternate_searches(run, form, incumbent, deadline, min(nodes, _NODES_BEFORE_REDUCTION))
         if not run.is_finished and nodes > _NODES_BEFORE_REDUCTION:
             self._reduction = self._reduce_for_a_while(instance, run, incumbent, deadline)
-            if self._reduction is None or not self._reduction.is_finished:
+            if self._reduction is None or not _is_decided(self._reduction, incumbent, self.gap):
                 _alternate_searches(run, form, incumbent, deadline, nodes)
         point = None
         if incumbent.x is not None and incumbent.assignment is not None:
@@ -345,6 +346,18 @@ def _add_reduction(answer: Answer, incumbent: Incumbent, search: BranchAndReduce
         nodes=answer.nodes + search.num_nodes,
         log=(*answer.log, f"{search.num_nodes} nodes narrowed by rows and products"),
     )
+
+
+def _is_decided(search: BranchAndReduce, incumbent: Incumbent, gap: float) -> bool:
+    """Return whether branch and reduce leaves nothing to the compiled tree.
+
+    Nodes of which no range is left to divide are closed although no point of them may be known.
+    """
+    if not search.is_finished:
+        return False
+    if incumbent.x is None:
+        return search.bound == np.inf
+    return relative_gap(incumbent.cost, search.bound) <= gap
 
 
 def _alternate_searches(

@@ -38,9 +38,7 @@ _OPTIMAL = 1
 class ForceProblem:
     """Balance and limits of a motion at its T - 2 inner samples; forces in units of the weight."""
 
-    static_load: (
-        Array  # (T - 2, 6 + J) wrench and torques that forces have to balance, at static_load
-    )
+    static_load: Array  # (T - 2, 6 + J) wrench and torques that forces balance at rest
     inertial_load: Array  # (T - 2, 6 + J) what the velocities add at the motion's own pace
     force_map: Array  # (T - 2, 6 + J, C, 3) wrench and torques that contact forces add
     torque_limit: Array  # (J,) [weights m]

@@ -12,15 +12,18 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.promise import compute_interval
 from climbplan.climb.simulation.model.mjcf import build_mjcf
 from climbplan.climb.simulation.report import build_report
+from climbplan.climb.simulation.risk import estimation
 from climbplan.climb.simulation.risk.estimation import RiskEstimate, ScenarioOutcome, estimate_risk
 from climbplan.climb.simulation.study import simulate_plan
 from climbplan.climb.simulation.worlds.perturbed_terrain import perturb_terrain
 from climbplan.climb.simulation.worlds.uncertainty import build_layout, draw_numbers
 from climbplan.climb.simulation.worlds.uncertainty_spec import read_uncertainty
+from climbplan.errors import UsageError
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.motors import compute_motor_stiffness
 from climbplan.simulation.pictures import open_camera
 from climbplan.simulation.request import SimulationRequest
+from climbplan.terrain.raw_surface import RawSurface
 from climbplan.terrain.surfaces import Region
 
 Planned = Callable[..., ClimbPlan]
@@ -66,6 +69,19 @@ def test_worlds_change_the_simulated_model(planned: Planned) -> None:
     assert turned == pytest.approx(np.linalg.norm(world.tilt[0]), rel=1e-6)
     assert "<inertial" in build_mjcf(plan, conditions)
     assert "play" in build_mjcf(plan, conditions)
+
+
+def test_worlds_of_a_scan_are_refused_before_anything_is_simulated(
+    planned: Planned, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = planned()
+    flat = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    scan = RawSurface(flat, np.array([[0, 1, 2]]), flatness=0.01, toe_radius=0.01)
+    monkeypatch.setattr(estimation, "prepare_steps", lambda *given: pytest.fail("it simulates"))
+    with pytest.raises(UsageError, match="triangles of a scan are one piece"):
+        estimate_risk(
+            replace(plan, terrain=replace(plan.terrain, scan=scan)), Conditions(), "statics", 30, 4
+        )
 
 
 def test_intervals_are_exact() -> None:

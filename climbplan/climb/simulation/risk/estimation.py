@@ -28,6 +28,7 @@ from climbplan.climb.simulation.implicit_dynamics.outcome import (
     MAX_DEVIATION,
 )
 from climbplan.climb.simulation.replay import simulate
+from climbplan.climb.simulation.worlds.perturbed_terrain import perturb_terrain
 from climbplan.climb.simulation.worlds.uncertainty import (
     ScenarioLayout,
     Uncertainty,
@@ -143,10 +144,13 @@ def estimate_risk(
         uncertainty: Distributions; None takes those of the plan's spec and its robot's file.
 
     Raises:
-        UsageError: The engine has no model of the robot.
+        UsageError: The engine has no model of the robot, or worlds move the triangles of a scan.
         MissingSolver: MuJoCo is not installed.
     """
     layout = build_layout(plan, read_uncertainty(plan) if uncertainty is None else uncertainty)
+    first = sample_conditions(base, layout, draw_numbers(seed, 0, layout.size)).world
+    if first is not None:
+        perturb_terrain(plan.terrain, first)  # refuses a scan before anything is compiled
     run = partial(_simulate_mujoco, plan, base, layout, seed)
     if engine == "statics":
         run = partial(_simulate_statics, plan, prepare_steps(plan, base), base, layout, seed)

@@ -410,3 +410,13 @@ def test_bounds_that_round_beyond_the_largest_cost_prove_nothing(
     result = WarmStartedTree(proves=True).solve(program.instantiate())
     assert result.status == "optimal"
     assert result.objective == pytest.approx(optimum, abs=1e-6)
+
+
+def test_costs_of_fixed_variables_leave_others_their_scale() -> None:
+    p = Program("fixed")
+    x, z = p.continuous("x", (1,), -1.0, -1.0), p.integer("z", (2,), -1, 1)
+    p.minimise("cost", 3.0 * x[0] + 1.0)
+    assert len(z) == 2
+    result = solve_mixed_integer(p.instantiate())
+    assert result.status == "optimal"
+    assert result.objective == pytest.approx(-2.0, abs=1e-6)

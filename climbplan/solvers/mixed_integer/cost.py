@@ -55,8 +55,9 @@ def build_cost(instance: Instance, space: Coordinates) -> Cost:
     half = 0.5 * (high - low)
     bounded = np.isfinite(half)
     reach = np.where(bounded, np.maximum(half, 1e-9), 1.0)
-    max_curvature = float(np.max(np.diag(H) * reach**2, initial=0.0, where=bounded))
-    eta = _PROXIMAL * (max_curvature or float(np.sum(np.abs(g) * reach, where=bounded)) or 1.0)
+    varied = bounded & (half > 0.0)  # the cost along fixed variables tells nothing of its size
+    max_curvature = float(np.max(np.diag(H) * reach**2, initial=0.0, where=varied))
+    eta = _PROXIMAL * (max_curvature or float(np.sum(np.abs(g) * reach, where=varied)) or 1.0)
     eps = np.where(bounded, eta / reach**2, 0.0)
     top = float(np.abs(np.diag(H)).max(initial=0.0))
     # Where bounds leave next to nothing the term need not grow beyond all others

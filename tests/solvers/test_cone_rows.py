@@ -135,3 +135,32 @@ def test_cones_beside_products_agree_with_scip(seed: int) -> None:
     assert scip.objective is not None
     assert ours.objective == pytest.approx(scip.objective, rel=1e-4, abs=1e-5)
     assert ours.bound <= scip.objective + 1e-5 * (1.0 + abs(scip.objective))
+
+
+@pytest.mark.parametrize("curvature", [1.0, 1e-6, 1e-13])
+def test_small_coefficients_of_large_variables_count(curvature: float) -> None:
+    """a^2 <= b^2 + c d^2 allows a = 1 at b = 0 whatever the unit of d."""
+    p = Program("units")
+    a, b = p.continuous("a", (1,), 0.0, 10.0)[0], p.integer("b", (1,), 0, 3)[0]
+    d = p.continuous("d", (1,), 0.0, 1.0 / np.sqrt(curvature))[0]
+    p.between("row", np.array([a * a - b * b - curvature * d * d]), -np.inf, 0.0)
+    p.minimise("cost", b - a)
+    settings = MethodSettings(gap=GAP, time_limit=60.0)
+    result = solve_instance(Problem("units", p), {}, "branch-and-bound", settings).result
+    assert result.status == "optimal"
+    assert result.objective == pytest.approx(-1.0, abs=2 * GAP)
+    assert result.bound <= -1.0
+
+
+def test_rank_deficient_squares_of_any_unit_are_cones() -> None:
+    rng = np.random.default_rng(0)
+    for size in (1e-6, 1.0, 1e6):
+        p = Program("squares")
+        x = p.continuous("x", (5,), -size, size)
+        t = p.continuous("t", (1,), 0.0, 100.0)
+        vectors = rng.normal(size=(2, 5)) / size @ x
+        p.between("row", np.array([np.sum(vectors * vectors) - t[0]]), -np.inf, 0.0)
+        p.minimise("cost", t[0])
+        stated = state_cones(p.instantiate())
+        assert not stated.products.count
+        assert [balls.f.shape for balls in stated.balls] == [(1, 3)]

@@ -4,8 +4,10 @@ With z = (x, 1) a row is z'G z <= 0. If G has one negative eigenvalue -m with ei
 
     z'G z <= 0  <=>  sum_i l_i (u_i'z)^2 <= m (v'z)^2
 
-over the positive eigenvalues l_i with eigenvectors u_i (Sylvester's law of inertia). Where v'z has
-one sign within bounds and linear rows, this is one cone |(sqrt(l_i) u_i'z)| <= sqrt(m) v'z.
+over the positive eigenvalues l_i with eigenvectors u_i (Sylvester's law of inertia). Signs are
+counted with coordinates in units of their ranges, so that eigenvalues near zero change the row by
+rounding alone. Where v'z has one sign within bounds and linear rows, this is one cone
+|(sqrt(l_i) u_i'z)| <= sqrt(m) v'z.
 Examples are x y >= a for positive factors, and u (z + s) <= z s with u <= z, a queue of a server
 that a binary z opens.
 """
@@ -24,7 +26,7 @@ from climbplan.program.box import VariableBox, propagate_box
 from climbplan.program.instance import Balls, Instance, Products
 from climbplan.solvers.highs.linear import LinearProgram, solve_linear
 
-_ZERO = 1e-11  # eigenvalue that counts as zero, relative to the largest
+_ZERO = 1e-14  # eigenvalue that counts as zero, relative to the largest and to their number
 _SIGN = 1e-9  # value of v'z below zero that counts as rounding
 _MAX_VARIABLES = 60  # of one row's products
 _MAX_LIMIT = 1e3  # largest factor by which a cone is scaled
@@ -68,27 +70,52 @@ def _find_cone(instance: Instance, row: int, box: VariableBox) -> _ConeRow | Non
     index, G, remainder = _build_form(instance, row)
     if len(index) > _MAX_VARIABLES:
         return None
-    values, vectors = np.linalg.eigh(G)
-    zero = _ZERO * float(np.abs(values).max())
-    if values[0] >= -zero or (len(values) > 1 and values[1] < -zero):
-        return None
     coordinates = _build_coordinates(instance.size, index, remainder)
-    head = np.sqrt(-values[0]) * vectors[:, 0]
-    slope, radius = sparse.csr_matrix(head[None, :-1] @ coordinates), float(head[-1])
-    sign = _find_sign(instance, slope, radius, box)
-    if sign == 0.0:
+    own_units = _compute_units(coordinates, box)
+    inertia = _count_signs(
+        np.asarray(np.linalg.eigvalsh(own_units[:, None] * G * own_units), np.float64)
+    )
+    if inertia[0] != 1:
         return None
-    positive = values > zero
-    body = np.sqrt(values[positive])[:, None] * vectors[:, positive].T
+    # All units give the same inertia, where rounding allows, but other heads
+    for unit in (np.ones(len(G)), own_units):
+        values, vectors = np.linalg.eigh(unit[:, None] * G * unit)
+        if _count_signs(values) != inertia:
+            continue
+        vectors = vectors / unit[:, None]
+        head = np.sqrt(-values[0]) * vectors[:, 0]
+        slope, radius = sparse.csr_matrix(head[None, :-1] @ coordinates), float(head[-1])
+        sign = _find_sign(instance, slope, radius, box)
+        if sign:
+            positive = slice(len(values) - inertia[1], None)
+            body = np.sqrt(values[positive])[:, None] * vectors[:, positive].T
+            return _scale_cone(body, sign * slope, sign * radius, coordinates, box)
+    return None
+
+
+def _scale_cone(
+    body: Array,
+    slope: sparse.csr_matrix,
+    radius: float,
+    coordinates: sparse.csr_matrix,
+    box: VariableBox,
+) -> _ConeRow:
+    """Return |body (coordinates x, 1)| <= slope'x + radius, scaled by its largest limit."""
     limit = box.interval(slope)
     reach = max(abs(float(limit.lower[0]) + radius), abs(float(limit.upper[0]) + radius))
     scale = float(np.clip(reach, 1.0, _MAX_LIMIT)) if np.isfinite(reach) else 1.0
     return _ConeRow(
         F=sparse.csr_matrix(scale * (sparse.csr_matrix(body[:, :-1]) @ coordinates)),
         f=scale * body[:, -1],
-        slope=sparse.csr_matrix(scale * sign * slope),
-        radius=scale * sign * radius,
+        slope=sparse.csr_matrix(scale * slope),
+        radius=scale * radius,
     )
+
+
+def _count_signs(values: Array) -> tuple[int, int]:
+    """Return the numbers of negative and of positive eigenvalues."""
+    zero = _ZERO * len(values) * float(np.abs(values).max())
+    return int(np.sum(values < -zero)), int(np.sum(values > zero))
 
 
 def _build_form(instance: Instance, row: int) -> tuple[IntArray, Array, sparse.csr_matrix]:
@@ -122,6 +149,13 @@ def _build_coordinates(n: int, index: IntArray, remainder: sparse.csr_matrix) ->
     k = len(index)
     factors = sparse.csr_matrix((np.ones(k), (np.arange(k), index)), shape=(k, n))
     return sparse.csr_matrix(sparse.vstack([factors, remainder]) if remainder.nnz else factors)
+
+
+def _compute_units(coordinates: sparse.csr_matrix, box: VariableBox) -> Array:
+    """Return the largest size of each coordinate and of the last, which is 1; 1 if not bounded."""
+    reach = box.interval(coordinates)
+    size = np.append(np.maximum(np.abs(reach.lower), np.abs(reach.upper)), 1.0)
+    return np.where(np.isfinite(size) & (size > 0.0), size, 1.0)
 
 
 def _find_sign(

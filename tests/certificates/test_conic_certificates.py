@@ -157,3 +157,17 @@ def test_cones_of_fixed_variables_are_judged_and_proved(limit: float) -> None:
     verdict = check(instance, search.certificate)
     assert not verdict.faults
     assert verdict.bound == pytest.approx(min(costs, default=np.inf), abs=1e-4)
+
+
+@pytest.mark.parametrize("width", [1.0, 1e-9, 1e-12])
+def test_ranges_of_any_unit_are_searched(width: float) -> None:
+    """The capacity of 0.9 of the range is the best one, also where the unit is the farad."""
+    p = Program("capacity")
+    c, t = p.continuous("c", (1,), 0.0, width)[0], p.continuous("t", (1,), 0.0, 10.0)
+    z = p.binary("z", (1,))[0]
+    p.cone("near", np.array([[c / width - 0.9, 0.5 * z - 0.5]]), t)
+    p.minimise("cost", t[0] + 0.1 * z + 1.0)
+    result = ConicSearch(GAP).solve(p.instantiate(), 60.0)
+    assert result.status == "optimal"
+    assert result.objective == pytest.approx(1.1, abs=1e-4)
+    assert result.bound <= 1.1 + 1e-9

@@ -29,7 +29,7 @@ from climbplan.certificates.rounding import bound_error
 from climbplan.program.instance import Instance
 from climbplan.solvers.result import FEASIBILITY
 
-_FIXED = 1e-8  # width of a range that counts as a point
+_FIXED = 1e-8  # width of a range that counts as a point, relative to the instance's if that is < 1
 _EXACT = 1e-10  # accuracy of incumbents
 _ACCURACY = 1e-8  # relative, of slopes along directions without bounds
 _LOSS = 1e-7  # relative distance of a bound from the dual value that calls for a tighter accuracy
@@ -88,6 +88,7 @@ class ConicRelaxation:
 
     def __init__(self, instance: Instance) -> None:
         self._instance = instance
+        self._thin = _FIXED * np.minimum(1.0, instance.upper - instance.lower)
         n, A = instance.size, sparse.csr_matrix(instance.A)
         low, high = instance.row_lower, instance.row_upper
         equal = np.isfinite(low) & (low == high)
@@ -152,7 +153,7 @@ class ConicRelaxation:
         """Solve over a box, with inequalities tightened by a margin."""
         instance = self._instance
         n = instance.size
-        is_free = upper - lower > _FIXED
+        is_free = upper - lower > self._thin
         x = np.zeros(n)
         x[~is_free] = 0.5 * (lower[~is_free] + upper[~is_free])
         x = np.where(~is_free & instance.integer, np.round(x), x)

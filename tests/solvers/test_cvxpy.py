@@ -306,3 +306,16 @@ def test_an_infeasible_program_whose_relaxation_is_unbounded() -> None:
         warnings.simplefilter("ignore")
         problem.solve(solver=climbplan.CVXPY(time_limit=3.0))
     assert problem.status in ("infeasible", "infeasible_or_unbounded")
+
+
+def test_the_only_point_is_found_with_a_proof(tmp_path: Path) -> None:
+    """The level set leaves ranges of the size of tolerances."""
+    x, y = cp.Variable(1), cp.Variable(2, integer=True)
+    v = cp.hstack([x, y])
+    problem = cp.Problem(
+        cp.Minimize(-3 * x[0] - 3 * y[0] + 2 * y[1]),
+        [3 * x[0] - 2 * y[1] == 6, cp.norm1(v) <= 2],
+    )
+    problem.solve(solver=climbplan.CVXPY(certificate=tmp_path / "proof.h5"))
+    assert problem.status == "optimal"
+    assert problem.value == pytest.approx(-6.0, abs=1e-5)

@@ -19,7 +19,7 @@ from climbplan.solvers.separable_cost import NotConvexCost, describe_nonconvexit
 
 _PROXIMAL = 1e-6  # of the cost's own curvature over the box
 _FLAT = 1e-11  # pivot of the Hessian below which a direction is flat, relative
-_MARGIN = 1e-6  # relative, of the largest cost of a feasible point
+_MARGIN = 1e-3  # relative, of the largest cost of a feasible point: tiny ranges amplify rounding
 
 
 class Unbounded(UsageError):

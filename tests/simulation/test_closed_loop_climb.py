@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import fields, replace
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +15,8 @@ import pytest
 from climbplan.arrays import Array
 from climbplan.climb.forces.statement import build_robot_forces, check_forces
 from climbplan.climb.plan.climb_plan import ClimbPlan, Instants
-from climbplan.climb.plan.played import START
+from climbplan.climb.plan.file import write_climb
+from climbplan.climb.plan.played import START, compute_true_angles, sample_instants
 from climbplan.climb.schema.force import ForcePlannerSpec
 from climbplan.climb.simulation.executive.executive import ClimbExecutive
 from climbplan.climb.simulation.executive.schedule import build_schedule
@@ -38,6 +42,7 @@ from climbplan.simulation.conditions import Conditions, WeakMotor
 from climbplan.simulation.motors import compute_max_torque
 
 Planned = Callable[..., ClimbPlan]
+ROOT = Path(__file__).parents[2]
 _STEP = 0.02  # [s]
 _TOUCH = 8.0  # [N] of a toe that has met its surface
 
@@ -238,6 +243,66 @@ def test_readings_that_are_no_numbers_are_refused(planned: Planned) -> None:
         executive.step(_STEP, np.full_like(good, np.nan), good)
     with pytest.raises(ValueError, match="time step"):
         executive.step(0.0, good, good)
+
+
+class StubNode:
+    """What the node of ROS 2 uses of its base class: what it sends is kept."""
+
+    def __init__(self, name: str) -> None:
+        self.name, self.sent = name, [np.zeros(0)]
+
+    def get_clock(self) -> SimpleNamespace:
+        return SimpleNamespace(now=lambda: Elapsed(0))
+
+    def create_publisher(self, kind: type, topic: str, depth: int) -> SimpleNamespace:
+        return SimpleNamespace(publish=lambda message: self.sent.append(np.array(message.data)))
+
+    def create_subscription(self, *given: object) -> None:
+        pass
+
+    def create_timer(self, *given: object) -> None:
+        pass
+
+
+class Elapsed(int):
+    """A time of ROS 2 [ns]."""
+
+    def __sub__(self, other: int) -> Elapsed:
+        return Elapsed(int(self) - int(other))
+
+    @property
+    def nanoseconds(self) -> int:
+        return int(self)
+
+
+def test_the_node_of_ros_2_commands_joints_in_their_order(
+    planned: Planned, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for name, members in {
+        "rclpy": {},
+        "rclpy.node": {"Node": StubNode},
+        "sensor_msgs.msg": {"JointState": SimpleNamespace},
+        "std_msgs.msg": {"Float64MultiArray": SimpleNamespace},
+    }.items():
+        module = ModuleType(name)
+        vars(module).update(members)
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.syspath_prepend(ROOT / "examples" / "ros2")
+    from closed_loop_climb import ClosedLoopClimb
+
+    plan = planned()
+    write_climb(plan, tmp_path / "plan.h5")
+    node, executive = ClosedLoopClimb(str(tmp_path / "plan.h5")), ClimbExecutive(plan)
+    angles = compute_true_angles(plan, sample_instants(plan))[0]
+    torques = executive.gravity_torque[0]
+    shuffled = list(plan.robot.motor_names[::-1])
+    node.tick()
+    assert len(node.sent) == 1  # nothing before all joints were heard
+    position, effort = angles.ravel()[::-1].tolist(), torques.ravel()[::-1].tolist()
+    node.hear(SimpleNamespace(name=shuffled, position=position, effort=effort))
+    node.tick()
+    executive.step(0.01, angles, torques)
+    np.testing.assert_allclose(node.sent[-1], executive.motor_command.ravel(), atol=1e-12)
 
 
 def test_settings_are_positive() -> None:

@@ -78,7 +78,7 @@ class ClimbExecutive:
                 f"{robot.name} has five-bar legs, grippers or flat feet: closed-loop execution "
                 "knows limbs whose joints move one after the other and toes that press"
             )
-        self._plan = plan
+        self._plan, self.robot = plan, robot
         self._settings = settings or ExecutiveSettings()
         self._tables = build_regulator_tables(plan)
         self._schedule = build_schedule(plan, self._settings.search_range)

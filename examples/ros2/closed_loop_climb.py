@@ -1,0 +1,77 @@
+"""Climb in closed loop: a node of ROS 2 that waits for each contact of a plan.
+
+Runs where ROS 2 (rclpy, sensor_msgs, std_msgs) and climbplan are:
+
+    python3 closed_loop_climb.py outputs/climb_steps/plan.h5
+
+It listens to /joint_states, whose `effort` has the torques of the motors, and sends positions to a
+position controller of ros2_control, joint by joint in the order of that controller's `joints`,
+which has to be the one of the plan. Put the robot into the plan's first posture before. The P gains
+have to be the joint stiffness of the robot file.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import rclpy
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+import climbplan
+
+RATE = 100.0  # [Hz]
+SILENT = 0.1  # [s] without joint states after which the robot waits
+COMMANDS = "/position_controller/commands"
+
+
+class ClosedLoopClimb(Node):
+    """Reads joints, steps the executive, commands joints."""
+
+    def __init__(self, plan_file: str) -> None:
+        super().__init__("closed_loop_climb")
+        self.executive = climbplan.load_plan(plan_file).executive()
+        robot = self.executive.robot
+        self.has_joint = robot.has_joint
+        places = map(tuple, np.argwhere(self.has_joint))
+        self.place = dict(zip(robot.motor_names, places, strict=True))
+        self.angles, self.torques = np.zeros((2, *self.has_joint.shape))
+        self.read: set[str] = set()
+        self.heard = self.get_clock().now()
+        self.sender = self.create_publisher(Float64MultiArray, COMMANDS, 1)
+        self.create_subscription(JointState, "/joint_states", self.hear, 1)
+        self.create_timer(1.0 / RATE, self.tick)
+
+    def hear(self, message: JointState) -> None:
+        """Keep what encoders and motors say."""
+        for name, angle, torque in zip(message.name, message.position, message.effort, strict=True):
+            if name in self.place:
+                self.angles[self.place[name]], self.torques[self.place[name]] = angle, torque
+                self.read.add(name)
+        self.heard = self.get_clock().now()
+
+    def tick(self) -> None:
+        """Send the next commands; where joints are silent the last ones stay."""
+        silent = (self.get_clock().now() - self.heard).nanoseconds * 1e-9
+        if len(self.read) < len(self.place) or silent > SILENT:
+            return
+        executive = self.executive
+        was_running = not executive.finished
+        executive.step(1.0 / RATE, self.angles, self.torques)
+        self.sender.publish(
+            Float64MultiArray(data=executive.motor_command[self.has_joint].tolist())
+        )
+        if was_running and executive.finished:
+            self.get_logger().info(executive.stopped or "the climb has ended")
+
+
+def main() -> None:
+    """Climb until interrupted; at its end, or where it stops, the robot holds itself."""
+    rclpy.init()
+    rclpy.spin(ClosedLoopClimb(sys.argv[1]))
+
+
+if __name__ == "__main__":
+    main()

@@ -35,6 +35,29 @@ class Endless:
         self.interrupted.set()
 
 
+class BetweenStages(Endless):
+    """A model that refuses its first interruptions, as SCIP does between presolving and search."""
+
+    refusals = 2
+
+    def interruptSolve(self) -> None:
+        if self.refusals:
+            self.refusals -= 1
+            raise Exception("SCIP: method cannot be called at this time in solution process!")
+        super().interruptSolve()
+
+
+def test_scip_is_asked_again_where_it_cannot_be_interrupted_yet() -> None:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    model = BetweenStages(signal.SIGINT)
+    try:
+        with pytest.raises(KeyboardInterrupt):
+            run_model(model, 1e-3, 0.0, np.inf)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert model.interrupted.is_set()
+
+
 def test_ctrl_c_interrupts_scip_and_is_passed_on() -> None:
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     model = Endless(signal.SIGINT)

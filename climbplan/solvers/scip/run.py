@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from contextvars import copy_context
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,11 @@ _CLAIMS = {  # SCIP's status -> whether it claims infeasibility
 }
 _EVENTS = (EVENTS.BESTSOLFOUND, EVENTS.NODESOLVED)
 _REPORT_INTERVAL = 0.2  # [s] between reports of nodes
+_NOT_NOW = "cannot be called at this time"  # of an error of SCIP
+_INTERRUPTION_TIME, _INTERRUPTION_INTERVAL = (
+    5.0,
+    0.02,
+)  # [s] in which it is asked again, and between
 _GRACE = 0.05  # fraction of the time limit after which SCIP is stopped, as presolving ignores it
 
 
@@ -80,18 +86,31 @@ def run_model(model: Any, gap: float, scip_error: float, time_limit: float) -> N
     timer: threading.Timer | None = None
     if np.isfinite(time_limit):
         model.setParam("limits/time", float(max(time_limit, 0.0)))
-        timer = threading.Timer((1.0 + _GRACE) * max(time_limit, 0.0), model.interruptSolve)
+        timer = threading.Timer((1.0 + _GRACE) * max(time_limit, 0.0), _interrupt, [model])
         timer.daemon = True
         timer.start()
     if is_observed():
         model.includeEventhdlr(_SearchReporter(), "report_search", "reports incumbent and bound")
     try:
-        run_in_thread(model.optimizeNogil, model.interruptSolve)
+        run_in_thread(model.optimizeNogil, partial(_interrupt, model))
     finally:
         if timer is not None:
             timer.cancel()
     if is_observed():
         _report_figures(model)
+
+
+def _interrupt(model: Any) -> None:
+    """Let SCIP end, which refuses to in the moment between presolving and its search."""
+    deadline = time.monotonic() + _INTERRUPTION_TIME
+    while True:
+        try:
+            model.interruptSolve()
+            return
+        except Exception as error:  # SCIP's errors have no type of their own
+            if _NOT_NOW not in str(error) or time.monotonic() > deadline:
+                raise
+        time.sleep(_INTERRUPTION_INTERVAL)
 
 
 def read_values(model: Any, variables: list[Any]) -> Array:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.api.loading import SpecSource, load_spec, override_spec
 from climbplan.api.making import PlannedResult, PlanningOptions, run_planner
-from climbplan.api.plan import Folder, Plan, load_plan
+from climbplan.api.plan import Plan, load_plan
+from climbplan.api.plan_group import Folder
 from climbplan.api.plan_path import PLAN_FILE
 from climbplan.api.progress_display import show_progress
 from climbplan.deprecation import renamed_parameters

@@ -7,10 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import sparse
 
 from climbplan.methods.table import solve_instance
 from climbplan.methods.task import MethodSettings
 from climbplan.program import Problem, Program
+from climbplan.solvers.highs.linear import (
+    LinearAnswer,
+    LinearProgram,
+    compute_dual_bound,
+    solve_linear,
+)
+from climbplan.solvers.mixed_integer import cone_rows
 from climbplan.solvers.mixed_integer.cone_rows import state_cones
 
 Row = Callable[[Program, Any], None]
@@ -64,6 +72,31 @@ def test_rows_that_are_no_cones_stay(lower: float) -> None:
     """Factors of both signs allow both branches of a hyperbola."""
     instance = build(state_hyperbola, lower).instantiate()
     assert state_cones(instance) is instance
+
+
+def test_a_solver_that_errs_makes_no_cone_of_a_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    instance = build(state_queue).instantiate()
+    assert state_cones(instance).balls
+    for wrong in (
+        LinearAnswer(np.zeros(3), 1e9, np.zeros(1)),  # a value that its multipliers do not prove
+        LinearAnswer(None, np.inf),  # "infeasible"
+    ):
+        monkeypatch.setattr(cone_rows, "solve_linear", lambda program, wrong=wrong: wrong)
+        assert state_cones(instance) is instance
+
+
+def test_any_multipliers_prove_a_bound_and_the_solvers_the_optimum() -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        A, upper = sparse.csr_matrix(rng.normal(size=(4, 6))), rng.uniform(0.5, 2.0, 4)
+        box = -rng.uniform(1.0, 2.0, 6), rng.uniform(1.0, 2.0, 6)
+        program = LinearProgram(rng.normal(size=6), *box, A, -upper, upper)
+        answer = solve_linear(program)
+        assert answer.row_dual is not None
+        bound = compute_dual_bound(program, answer.row_dual)
+        assert bound == pytest.approx(answer.objective, abs=1e-6)
+        for multipliers in rng.normal(size=(5, 4)):
+            assert compute_dual_bound(program, multipliers) <= answer.objective + 1e-9
 
 
 def test_sides_that_are_not_convex_stay() -> None:

@@ -24,7 +24,7 @@ from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import LimitReached
 from climbplan.program.box import VariableBox, propagate_box
 from climbplan.program.instance import Balls, Instance, Products
-from climbplan.solvers.highs.linear import LinearProgram, solve_linear
+from climbplan.solvers.highs.linear import LinearProgram, compute_dual_bound, solve_linear
 
 _ZERO = 1e-14  # eigenvalue that counts as zero, relative to the largest and to their number
 _SIGN = 1e-9  # value of v'z below zero that counts as rounding
@@ -161,7 +161,10 @@ def _compute_units(coordinates: sparse.csr_matrix, box: VariableBox) -> Array:
 def _find_sign(
     instance: Instance, slope: sparse.csr_matrix, radius: float, box: VariableBox
 ) -> float:
-    """Return 1 where slope'x + radius is nowhere negative, -1 where nowhere positive, else 0."""
+    """Return 1 where slope'x + radius is nowhere negative, -1 where nowhere positive, else 0.
+
+    Signs rest on bounds and on multipliers of linear rows, not on what a solver says of itself.
+    """
     reach = box.interval(slope)
     slack = _SIGN * max(1.0, abs(radius))
     if reach.lower[0] + radius >= -slack:
@@ -182,7 +185,9 @@ def _find_sign(
             answer = solve_linear(program)
         except LimitReached:  # unbounded, for one
             continue
-        if answer.objective + sign * radius >= -slack:
+        if answer.row_dual is None:
+            continue
+        if compute_dual_bound(program, answer.row_dual) + sign * radius >= -slack:
             return sign
     return 0.0
 

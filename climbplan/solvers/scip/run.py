@@ -31,10 +31,8 @@ _CLAIMS = {  # SCIP's status -> whether it claims infeasibility
 _EVENTS = (EVENTS.BESTSOLFOUND, EVENTS.NODESOLVED)
 _REPORT_INTERVAL = 0.2  # [s] between reports of nodes
 _NOT_NOW = "cannot be called at this time"  # of an error of SCIP
-_INTERRUPTION_TIME, _INTERRUPTION_INTERVAL = (
-    5.0,
-    0.02,
-)  # [s] in which it is asked again, and between
+_INTERRUPTION_TIME = 5.0  # [s] for which SCIP is asked again
+_INTERRUPTION_INTERVAL = 0.02  # [s]
 _GRACE = 0.05  # fraction of the time limit after which SCIP is stopped, as presolving ignores it
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -27,10 +28,12 @@ from scipy import sparse
 from climbplan.api.ctrl_c import ctrl_c_insists
 from climbplan.arrays import Array
 from climbplan.certificates.certificate import Certificate
+from climbplan.certificates.checker import check
 from climbplan.errors import UsageError
 from climbplan.program.cvxpy_form import NAME, ConicForm, build_conic_instance
 from climbplan.program.instance import Instance
 from climbplan.solvers.highs.instances import solve_highs
+from climbplan.solvers.mixed_integer.certification import certify_without_search
 from climbplan.solvers.mixed_integer.level_set import UnboundedRelaxation, bound_variables
 from climbplan.solvers.mixed_integer.method import WarmStartedTree
 from climbplan.solvers.mixed_integer.outer_approximation import ConicSearch
@@ -96,8 +99,9 @@ class CVXPY(ConicForm):
     The status is `optimal` where the gap is proved, `user_limit` with an incumbent at a limit, and
     `infeasible` where that is proved. `problem.solver_stats.extra_stats` has `bound` and `gap`
     (of the minimisation, so of the negated objective of a maximisation), `nodes`, `status` and
-    `certificate`. A problem with parameters (DPP) that is solved again starts from the last tree;
-    each answer has its own proof. Variables without bounds get those of an incumbent's level set.
+    `certificate`, which is None, with a warning, where no proof can be written. A problem with
+    parameters (DPP) that is solved again starts from the last tree; each answer has its own proof.
+    Variables without bounds get those of an incumbent's level set.
 
     Args:
         options: Fields of `SolverSettings`: gap, absolute_gap, time_limit [s], tolerance,
@@ -215,7 +219,7 @@ def _solve_with_proof(
     """Solve by the tree that writes certificates.
 
     Raises:
-        UsageError: A direction without cost is not bounded.
+        UsageError: A direction without cost is not bounded, or there is no incumbent for bounds.
     """
     # A certificate bounds the cost over a box, so all its sides have to be finite
     time_left = _compute_time_left(chosen, begin)
@@ -224,7 +228,9 @@ def _solve_with_proof(
     except UnboundedRelaxation as error:
         return _examine_unbounded(instance, _build_unsolved(begin, str(error)), time_left)
     if bounded is None:
-        return _Solved(instance, _build_infeasible(begin))
+        certificate = certify_without_search(instance)
+        is_proof = check(instance, certificate).bound == np.inf
+        return _Solved(instance, _build_infeasible(begin), certificate if is_proof else None)
     kind = ConicSearch if "cones" in bounded.features else WarmStartedTree
     search = _select_search(bounded, chosen, cache, kind)
     result = search.solve(bounded, _compute_time_left(chosen, begin))
@@ -359,10 +365,16 @@ def _write_certificate(solved: _Solved, chosen: SolverSettings) -> None:
     """Write the proof of a bound, which `climbplan verify` checks without a solver.
 
     Raises:
-        SolverError: There is no proof, or the file cannot be written.
+        SolverError: The file cannot be written.
     """
     if solved.certificate is None or chosen.certificate is None:
-        raise SolverError(f"{NAME}: no certificate: the relaxation alone is infeasible")
+        status = solved.unbounded_status or solved.result.status
+        warnings.warn(
+            f"{NAME}: no certificate was written to {chosen.certificate}: the status {status} "
+            "rests on the relaxation alone; bounds of all variables make a certificate possible",
+            stacklevel=2,
+        )
+        return
     result, text = solved.result, _SPEC.format(gap=chosen.gap)
     row = CertifiedRow(
         parameters=np.zeros(0),

@@ -239,6 +239,7 @@ def _write_certificates(
 ) -> str:
     """Write the certificates of all rows and return a line about them."""
     from climbplan.methods.certified_rows import collect_certified_rows, is_weaker_than_search
+    from climbplan.solvers.result import compute_zero_cost
     from climbplan.store.certificate_file import write_certificates
 
     if path.exists() and not force:
@@ -248,7 +249,8 @@ def _write_certificates(
     leaves = sum(len(row.certificate.empty) for row in certified.rows)
     for number, (row, searched) in enumerate(zip(certified.rows, done.plan.bound, strict=True)):
         proved = row.certificate.bound
-        if is_weaker_than_search(proved, searched, loaded.spec.solver.gap):
+        zero_cost = compute_zero_cost(row.instance)
+        if is_weaker_than_search(proved, searched, loaded.spec.solver.gap, zero_cost):
             warn(
                 f"row {number}: the certificate proves a bound of {proved:.9g}, the search has "
                 f"{searched:.9g}; `verify` confirms the former alone. Multipliers of its leaves "

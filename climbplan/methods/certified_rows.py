@@ -46,11 +46,13 @@ def collect_certified_rows(
     )
 
 
-def is_weaker_than_search(proved: float, searched: float, gap: float) -> bool:
+def is_weaker_than_search(
+    proved: float, searched: float, gap: float, zero_cost: float | None = None
+) -> bool:
     """Return whether a proved bound is below a search's by more than rounding and the gap.
 
     An infinite bound of a search says that nothing is feasible.
     """
     if math.isinf(searched):
         return proved < searched
-    return relative_gap(searched, proved) > gap
+    return relative_gap(searched, proved, zero_cost) > gap

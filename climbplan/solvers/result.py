@@ -15,6 +15,8 @@ Status = Literal["optimal", "feasible", "infeasible", "limit"]
 FEASIBILITY = 1e-7  # largest violation of an incumbent, in the unit of the rows
 INFEASIBLE_MESSAGE = "proved: no point satisfies all constraints"
 MIN_OBJECTIVE_SCALE = 1e-9  # smallest scale of the objective in relative gaps
+MAX_ZERO_COST = 1e-6  # largest cost that may count as zero
+_LEAST_UNIT = 1e-200  # of changes of a cost
 ROUNDING = 1e-10  # differences between objective and bound that count as rounding errors
 
 
@@ -57,7 +59,7 @@ class SolverResult:
     assignment: IntArray | None  # (C,) chosen alternative of each choice
     objective: float | None  # exact objective at x
     bound: float  # valid lower bound on the optimum, -inf if none is known
-    gap: float | None  # (objective - bound) / max(|objective|, LEAST_OBJECTIVE)
+    gap: float | None  # `relative_gap`
     nodes: int
     time: float  # [s] wall clock, without imports
     solver: str
@@ -78,9 +80,40 @@ class Answer:
     assignment: IntArray | None = None  # the least violated alternatives if missing
 
 
-def relative_gap(objective: float, bound: float) -> float:
-    """Return (objective - bound) / max(|objective|, scale), 0 if they differ by rounding errors."""
-    return max(0.0, objective - bound - ROUNDING) / max(abs(objective), MIN_OBJECTIVE_SCALE)
+def relative_gap(objective: float, bound: float, zero_cost: float | None = None) -> float:
+    """Return (objective - bound) / max(|objective|, scale), 0 if they differ by rounding errors.
+
+    Where the objective and its distance from the bound are at most `zero_cost`, both count as zero,
+    and the gap is 0: a relative gap of a zero is never small. Smaller scales and rounding errors
+    are fractions of it.
+    """
+    unit = 1.0
+    if zero_cost is not None:
+        if abs(objective) <= zero_cost and objective - bound <= zero_cost:
+            return 0.0
+        unit = zero_cost / MAX_ZERO_COST
+    scale = max(abs(objective), unit * MIN_OBJECTIVE_SCALE)
+    return max(0.0, objective - bound - unit * ROUNDING) / scale
+
+
+def compute_zero_cost(instance: Instance) -> float:
+    """Return the largest cost that counts as zero: one millionth of the least change of the cost.
+
+    A change is that of one variable by 1, or by its range where that is less, with the others at
+    rest where their products with it vanish. The value is at most `MAX_ZERO_COST`.
+    """
+    width = instance.upper - instance.lower
+    step = np.where(instance.integer, 1.0, np.minimum(width, 1.0))
+    curvature = np.abs(instance.P.diagonal())
+    change = np.where(curvature > 0.0, 0.5 * curvature * step, np.abs(instance.q)) * step
+    is_priced = ((curvature > 0.0) | (instance.q != 0.0)) & (width > 0.0)
+    return MAX_ZERO_COST * max(float(change[is_priced].min(initial=1.0)), _LEAST_UNIT)
+
+
+def compute_closing_bound(objective: float, gap: float, zero_cost: float) -> float:
+    """Return the bound from which on an incumbent is optimal, which is below its objective."""
+    margin = gap * abs(objective)
+    return objective - (max(margin, zero_cost) if abs(objective) <= zero_cost else margin)
 
 
 def judge_answer(instance: Instance, answer: Answer, gap: float, tolerance: float) -> SolverResult:
@@ -100,7 +133,7 @@ def judge_answer(instance: Instance, answer: Answer, gap: float, tolerance: floa
         if violation <= tolerance:
             objective = instance.objective(x)
             bound = min(bound, objective)
-            achieved_gap = relative_gap(objective, bound)
+            achieved_gap = relative_gap(objective, bound, compute_zero_cost(instance))
             status = "optimal" if achieved_gap <= gap else "feasible"
         else:
             log = (*log, f"incumbent refused: it violates a constraint by {violation:.3g}")

@@ -12,7 +12,7 @@ from scipy import sparse
 
 from climbplan.certificates.checker import CertificateVerdict, check
 from climbplan.program.problem import Problem
-from climbplan.solvers.result import relative_gap
+from climbplan.solvers.result import compute_zero_cost, relative_gap
 from climbplan.store.certified import CertifiedRow, CertifiedRows
 from climbplan.verification.check import Check, LeftOut
 from climbplan.verification.verification import Verification
@@ -79,7 +79,8 @@ def _compute_gap(row: CertifiedRow, verdict: CertificateVerdict) -> float:
     """Return the relative gap between the answer and what is proved."""
     if row.x is None:
         return np.inf
-    return relative_gap(row.instance.objective(row.x), verdict.bound)
+    zero_cost = compute_zero_cost(row.instance)
+    return relative_gap(row.instance.objective(row.x), verdict.bound, zero_cost)
 
 
 def _find_differences(row: CertifiedRow, problem: Problem) -> list[str]:

@@ -19,7 +19,13 @@ from climbplan.schema.holding import HeldSpec
 from climbplan.schema.kinds import validate
 from climbplan.schema.program.model import ProgramSpec, Values
 from climbplan.schema.yaml_source import parse_yaml
-from climbplan.solvers.result import relative_gap
+from climbplan.solvers.result import (
+    MAX_ZERO_COST,
+    MIN_OBJECTIVE_SCALE,
+    ROUNDING,
+    compute_zero_cost,
+    relative_gap,
+)
 from climbplan.store.program_plan import Layouts, ProgramPlan
 from climbplan.verification.check import Check, LeftOut
 from climbplan.verification.held import check_spec_differences, describe_reference
@@ -51,7 +57,7 @@ def verify_program(
         )
     answer = _replace_spec(plan, user_spec)
     checks = (
-        *_check_file(plan, user_spec),
+        *_check_file(plan, user_spec, problem),
         *_check_problem(answer, problem),
         *_check_blocks(answer, problem),
     )
@@ -63,7 +69,9 @@ def _replace_spec(plan: ProgramPlan, user_spec: HeldSpec | None) -> ProgramPlan:
     return plan if user_spec is None else replace(plan, spec_text=user_spec.text)
 
 
-def _check_file(plan: ProgramPlan, user_spec: HeldSpec | None) -> Iterator[Check]:
+def _check_file(
+    plan: ProgramPlan, user_spec: HeldSpec | None, problem: Problem | None = None
+) -> Iterator[Check]:
     digest = hashlib.sha256(plan.spec_text.encode()).hexdigest()
     yield _build_check("file.spec_hash", float(digest != plan.spec_sha256), 0.0)
     if user_spec is not None:
@@ -89,8 +97,15 @@ def _check_file(plan: ProgramPlan, user_spec: HeldSpec | None) -> Iterator[Check
     objective, bound = plan.objective[answered_rows], plan.bound[answered_rows]
     above = np.maximum(bound - objective, 0.0) / np.maximum(np.abs(objective), 1.0)
     yield _check_worst("solution.bound", above, _OBJECTIVE, "relative", answered_rows)
-    reached = np.array([relative_gap(f, b) for f, b in zip(objective, bound, strict=True)])
-    same = np.isclose(plan.gap[answered_rows], reached, 1e-6, 1e-9)
+    zero_cost = [_find_zero_cost(plan, row, problem) for row in map(int, answered_rows)]
+    triples = list(zip(objective, bound, zero_cost, strict=True))
+    reached = np.array([relative_gap(f, b, zero) for f, b, zero in triples])
+    if_no_zero = np.array([relative_gap(f, b) for f, b, _ in triples])
+    rounding = 1e-9 + ROUNDING / np.maximum(np.abs(objective), MIN_OBJECTIVE_SCALE)
+    stored = plan.gap[answered_rows]
+    same = (np.abs(stored - reached) <= 1e-6 * reached + rounding) | (
+        np.abs(stored - if_no_zero) <= 1e-6 * if_no_zero + rounding
+    )
     yield _check_worst("file.gap", np.where(same, 0.0, np.inf), 0.0, "", answered_rows)
     if isinstance(spec, ProgramSpec):
         proved = np.array([plan.status[row] == "optimal" for row in answered_rows], bool)
@@ -98,6 +113,13 @@ def _check_file(plan: ProgramPlan, user_spec: HeldSpec | None) -> Iterator[Check
         yield _check_worst(
             "solution.gap", reached[proved], max_gap, "relative", answered_rows[proved]
         )
+
+
+def _find_zero_cost(plan: ProgramPlan, row: int, problem: Problem | None) -> float:
+    """Return the largest cost that counts as zero in a row; without the statement its limit."""
+    if problem is None or abs(plan.objective[row]) > MAX_ZERO_COST:
+        return MAX_ZERO_COST
+    return compute_zero_cost(problem.instance(problem.split(plan.parameters[row])))
 
 
 def _parse_spec(plan: ProgramPlan) -> ProgramSpec | str:

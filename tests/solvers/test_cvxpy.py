@@ -112,6 +112,36 @@ def test_certificate(tmp_path: Path) -> None:
     assert verify_certificates(read_certificates(file)).passed
 
 
+def test_a_relaxation_without_points_has_a_certificate(tmp_path: Path) -> None:
+    x, y = cp.Variable(2), cp.Variable(integer=True)
+    for k, rows in enumerate(
+        (
+            [cp.norm(x) <= y, y >= 0, y <= 1, x[0] >= 2],
+            [x[0] + y <= 1, x[0] + y >= 3, y >= 0, y <= 5],
+        )
+    ):
+        problem, file = cp.Problem(cp.Minimize(cp.sum(x)), rows), tmp_path / f"{k}.h5"
+        problem.solve(solver=climbplan.CVXPY(certificate=file))
+        assert problem.status == "infeasible"
+        assert verify_certificates(read_certificates(file)).passed
+
+
+@pytest.mark.parametrize(
+    ("rows", "status"), [((1.0, 3.0), "infeasible"), ((1.0, np.inf), "unbounded")]
+)
+def test_a_certificate_that_cannot_be_written_is_named(
+    tmp_path: Path, rows: tuple[float, float], status: str
+) -> None:
+    """Multipliers of rows prove nothing over variables without bounds."""
+    x, y, file = cp.Variable(), cp.Variable(integer=True), tmp_path / "proof.h5"
+    sides = [x + y <= rows[0], *([x + y >= rows[1]] if np.isfinite(rows[1]) else [])]
+    problem = cp.Problem(cp.Minimize(x), sides)
+    with pytest.warns(UserWarning, match=f"no certificate was written to .*: the status {status}"):
+        problem.solve(solver=climbplan.CVXPY(certificate=file))
+    assert problem.status == status
+    assert not file.exists()
+
+
 def test_unsupported_cones_and_options_are_named() -> None:
     x = cp.Variable(2, integer=True)
     problem = cp.Problem(cp.Minimize(cp.sum(cp.exp(x))), [cp.abs(x) <= 2])

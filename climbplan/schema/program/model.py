@@ -143,7 +143,9 @@ class ProgramSolverSpec(SpecModel):
     fallback: Literal[
         "branch-and-bound", "minlp-scip", "minlp-bonmin", "mccormick", "mpcc", "admm", "none"
     ] = Field(default="minlp-scip", description="of learned methods, where no candidate holds")
-    gap: Number = quantity("", "relative gap to prove", default=1e-4, ge=0)
+    gap: Number = quantity(
+        "", "relative gap to prove; costs of at most 1e-6 may count as 0", default=1e-4, ge=0
+    )
     tolerance: Number = quantity(
         "", "largest residual of any row, in the row's unit", default=1e-6, gt=0, le=0.1
     )

@@ -30,7 +30,13 @@ from climbplan.solvers.highs.model import (
     create_highs,
     run_highs,
 )
-from climbplan.solvers.result import Answer, SolverResult, judge_answer, relative_gap
+from climbplan.solvers.result import (
+    Answer,
+    SolverResult,
+    compute_zero_cost,
+    judge_answer,
+    relative_gap,
+)
 from climbplan.solvers.separable_cost import SeparableCost, factor_cost
 from climbplan.solvers.weak_duality import compute_dual_bound
 
@@ -249,7 +255,7 @@ def _solve_by_outer_approximation(
     instance: Instance, gap: float, begin: float, time_limit: float, tolerance: float
 ) -> Answer:
     """Alternate linear and convex programs until bound and incumbent meet."""
-    cost = factor_cost(instance)
+    cost, zero_cost = factor_cost(instance), compute_zero_cost(instance)
     approximation = _OuterApproximation(instance, cost)
     solver = create_highs(time_limit, _INNER_GAP * gap)
     solver.passModel(approximation.lp)
@@ -286,7 +292,7 @@ def _solve_by_outer_approximation(
                 continue
             if (value := instance.objective(candidate)) < best:
                 incumbent, best = candidate, value
-        if linear or is_left or relative_gap(best, bound) <= gap:
+        if linear or is_left or relative_gap(best, bound, zero_cost) <= gap:
             break
         for point in (x, completion):
             if point is not None:

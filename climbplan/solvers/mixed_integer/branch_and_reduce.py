@@ -23,7 +23,7 @@ from climbplan.certificates.rows import CertificateRows, append_envelopes
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.leaf_multipliers import compute_leaf_multipliers
 from climbplan.solvers.mixed_integer.leaf_proofs import CertificateWriter, LeafProof, LeafProofs
-from climbplan.solvers.result import MIN_OBJECTIVE_SCALE
+from climbplan.solvers.result import compute_closing_bound, compute_zero_cost
 
 _INTEGRAL = 1e-6
 _THIN = 1e-8  # relative width below which a factor's range is not split
@@ -70,6 +70,7 @@ class BranchAndReduce:
             best,
             search_locally,
         )
+        self.zero_cost = compute_zero_cost(instance)
         self._proofs = LeafProofs(instance)
         self._rows, root = self._proofs.checker.rows, self._proofs.checker.root
         start = LeafProof(-np.inf, self._proofs.zero_multipliers(root))
@@ -108,7 +109,7 @@ class BranchAndReduce:
         if np.isinf(self._best):
             return np.inf
         gap = (1.0 - _SAFE) * self._gap
-        return self._best - gap * max(abs(self._best), MIN_OBJECTIVE_SCALE)
+        return compute_closing_bound(self._best, gap, self.zero_cost)
 
     def _process(self, node: _ReduceNode) -> None:
         """Tighten a node's bounds, then close or split it."""

@@ -24,7 +24,7 @@ from climbplan.solvers.mixed_integer.leaf_multipliers import compute_leaf_multip
 from climbplan.solvers.mixed_integer.leaf_proofs import CertificateWriter, LeafProof, LeafProofs
 from climbplan.solvers.mixed_integer.multiplier_map import MultiplierMap, Multipliers, SearchedTree
 from climbplan.solvers.mixed_integer.search import resolve_leaf
-from climbplan.solvers.result import MIN_OBJECTIVE_SCALE
+from climbplan.solvers.result import compute_closing_bound, compute_zero_cost
 
 _LEAF_STATES = (slots.OPEN, slots.CLOSED, slots.EMPTY_NODE, slots.GIVEN_UP)
 _SHORTFALL = 1e-7  # relative amount by which a leaf may fall short of the tree's bound
@@ -51,7 +51,9 @@ def certify_search(
         float(tree.search.scalars[slots.GAP]),
     )
     required_bound = (
-        best - gap * max(abs(best), MIN_OBJECTIVE_SCALE) if np.isfinite(best) else np.inf
+        compute_closing_bound(best, gap, compute_zero_cost(instance))
+        if np.isfinite(best)
+        else np.inf
     )
     tolerance = min(_SHORTFALL, 0.1 * gap) * max(abs(bound), 1.0) if np.isfinite(bound) else 0.0
     return _Prover(instance, min(required_bound, bound - tolerance), deadline, tree).certify()

@@ -23,7 +23,12 @@ from climbplan.program.row_propagation import ElementwiseRange, RowPropagation
 from climbplan.progress import report_search
 from climbplan.solvers.mixed_integer.certification import SplitTree
 from climbplan.solvers.mixed_integer.conic_relaxation import ConicRelaxation, NodeSolution
-from climbplan.solvers.result import FEASIBILITY, relative_gap
+from climbplan.solvers.result import (
+    FEASIBILITY,
+    compute_closing_bound,
+    compute_zero_cost,
+    relative_gap,
+)
 
 _INTEGRAL = 1e-6  # distance from an integer within which a variable is one
 _ROUNDS = 3  # of propagation at a node
@@ -91,6 +96,7 @@ class ConicTree:
     ) -> None:
         self.instance, self.gap, self.tolerance, self.start = instance, gap, tolerance, start
         self.relaxation = ConicRelaxation(instance)
+        self.zero_cost = compute_zero_cost(instance)
         self.incumbent: Array | None = None
         self.cost = np.inf
         self.num_nodes = 0
@@ -141,7 +147,8 @@ class ConicTree:
             node = self._branch(node)
             bound = self.bound_with(node)
             report_search(self.cost, bound)
-            if relative_gap(self.cost, bound) <= self.gap or self.cost - bound <= _ABSOLUTE:
+            gap = relative_gap(self.cost, bound, self.zero_cost)
+            if gap <= self.gap or self.cost - bound <= _ABSOLUTE:
                 if node is not None:
                     heapq.heappush(self._open, node)
                 break
@@ -250,7 +257,8 @@ class ConicTree:
         """Bound from which on a node is pruned."""
         if self.incumbent is None:
             return np.inf
-        return self.cost - max(_PRUNE * self.gap * abs(self.cost), _ABSOLUTE)
+        closed = compute_closing_bound(self.cost, _PRUNE * self.gap, self.zero_cost)
+        return min(closed, self.cost - _ABSOLUTE)
 
     def _branch(self, node: _ConicNode) -> _ConicNode | None:
         """Solve both children; return the one to dive into, the other one is pushed."""

@@ -82,7 +82,9 @@ def compute_leaf_multipliers(
     """
     width = box.upper - box.lower
     free = np.flatnonzero(width > _FIXED * np.maximum(1.0, np.abs(box.lower)))
-    fixed = np.where(np.isfinite(width), 0.5 * (box.lower + box.upper), 0.0)
+    is_bounded = np.isfinite(width)
+    fixed = np.zeros(len(width))
+    fixed[is_bounded] = 0.5 * (box.lower[is_bounded] + box.upper[is_bounded])
     if not len(free):
         return _refute_point(instance, fixed, len(rows.lower))
     fixed[free] = 0.0

@@ -27,8 +27,8 @@ OPEN, BRANCHED, CLOSED, EMPTY_NODE, GIVEN_UP = 0, 1, 2, 3, 4  # state of a node
 DONE, GROW, GROW_ROWS, PAUSE = 0, 1, 2, 3  # reason why a run ends
 
 # Indices into `Search.scalars`: cost of the incumbent, constant of the relaxation, least bound of
-# closed nodes, relative gap, largest violation of an incumbent
-INCUMBENT_COST, CONSTANT, CLOSED_BOUND, GAP, FEASIBILITY = 0, 1, 2, 3, 4
+# closed nodes, relative gap, largest violation of an incumbent, cost that counts as zero
+INCUMBENT_COST, CONSTANT, CLOSED_BOUND, GAP, FEASIBILITY, ZERO_COST = 0, 1, 2, 3, 4, 5
 # Indices into `Search.counters`: nodes created, open and processed, next node of a dive (-1 for
 # none), incumbents found, leaves neither solved nor proved infeasible
 NUM_NODES, NUM_OPEN, NUM_PROCESSED, DIVE_NODE, NUM_INCUMBENTS, NUM_UNPROVED = 0, 1, 2, 3, 4, 5
@@ -96,7 +96,10 @@ def _compute_cutoff(s: SearchState) -> float:
     incumbent_cost = s.scalars[INCUMBENT_COST]
     if np.isinf(incumbent_cost):
         return np.inf
-    return incumbent_cost - s.scalars[GAP] * max(abs(incumbent_cost), MIN_OBJECTIVE_SCALE)
+    margin = s.scalars[GAP] * abs(incumbent_cost)
+    if abs(incumbent_cost) <= s.scalars[ZERO_COST]:
+        margin = max(margin, s.scalars[ZERO_COST])
+    return incumbent_cost - margin
 
 
 @compiled

@@ -28,9 +28,9 @@ from climbplan.solvers.mixed_integer.conic_tree import ConicTree
 from climbplan.solvers.mixed_integer.method import solve_mixed_integer
 from climbplan.solvers.result import (
     FEASIBILITY,
-    MIN_OBJECTIVE_SCALE,
     Answer,
     SolverResult,
+    compute_closing_bound,
     judge_answer,
     relative_gap,
 )
@@ -81,7 +81,8 @@ class ConicSearch:
             self.certificate = _certify(instance, tree, begin, deadline)
         elif not tree.is_finished and not self.is_relaxation_unbounded:
             bound, incumbent, nodes, log = self._solve_masters(instance, tree, deadline)
-            if incumbent is None or relative_gap(instance.objective(incumbent), bound) > self.gap:
+            cost = np.inf if incumbent is None else instance.objective(incumbent)
+            if incumbent is None or relative_gap(cost, bound, tree.zero_cost) > self.gap:
                 tree.run(deadline, _UNLIMITED)
                 bound = max(bound, tree.bound)
                 if tree.incumbent is not None:
@@ -124,7 +125,7 @@ class ConicSearch:
                 if value < best and instance.violation(point) <= self.tolerance:
                     incumbent, best = point, value
             report_search(best, bound)
-            if relative_gap(best, bound) <= self.gap:
+            if relative_gap(best, bound, tree.zero_cost) <= self.gap:
                 break
         del self.points[:-_MAX_POINTS]
         tree.offer(incumbent)
@@ -157,7 +158,7 @@ def _certify(instance: Instance, tree: ConicTree, begin: float, deadline: float)
     """Certify the bound of a tree, as far as it has come."""
     required_bound, cost = tree.bound, tree.cost
     if np.isfinite(cost):
-        closed = cost - tree.gap * max(abs(cost), MIN_OBJECTIVE_SCALE)
+        closed = compute_closing_bound(cost, tree.gap, tree.zero_cost)
         required_bound = min(closed, required_bound - _SHORTFALL * max(1.0, abs(required_bound)))
     proof_deadline = compute_proof_deadline(begin, deadline)
     return certify_splits(instance, tree.splits, required_bound, proof_deadline)

@@ -41,6 +41,7 @@ from climbplan.solvers.mixed_integer.row_stack import (
 )
 from climbplan.solvers.mixed_integer.spatial import Spatial
 from climbplan.solvers.mixed_integer.switch_pairs import find_switches
+from climbplan.solvers.result import compute_zero_cost
 
 _ROUNDS = 20
 _EQUAL = 1e-12  # relative difference of the sides of an equation
@@ -256,6 +257,7 @@ def _assemble_program(
         lower=space.lower,
         upper=space.upper,
         independent=space.independent,
+        zero_cost=compute_zero_cost(instance),
     )
 
 

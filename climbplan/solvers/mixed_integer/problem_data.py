@@ -67,6 +67,7 @@ class MixedIntegerProgram:
     lower: Array  # (size,) box after bound propagation
     upper: Array
     independent: IntArray  # (k,) indices of w in x
+    zero_cost: float  # `compute_zero_cost` of the instance
 
     @property
     def size(self) -> int:

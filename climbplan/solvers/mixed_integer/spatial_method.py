@@ -357,7 +357,7 @@ def _is_decided(search: BranchAndReduce, incumbent: Incumbent, gap: float) -> bo
         return False
     if incumbent.x is None:
         return search.bound == np.inf
-    return relative_gap(incumbent.cost, search.bound) <= gap
+    return relative_gap(incumbent.cost, search.bound, search.zero_cost) <= gap
 
 
 def _alternate_searches(

@@ -224,6 +224,7 @@ def _allocate_search(
     scalars = np.zeros(8)
     scalars[slots.INCUMBENT_COST] = scalars[slots.CLOSED_BOUND] = np.inf
     scalars[slots.GAP] = gap
+    scalars[slots.ZERO_COST] = program.zero_cost
     scalars[slots.FEASIBILITY] = 0.3 * tolerance
     scalars[slots.CONSTANT] = (
         data.constant + 0.5 * float(data.eps @ data.center**2) - 0.5 * float(data.u @ data.u)

@@ -66,7 +66,7 @@ _BRACED = LimitKind(
     ),
     check_tables=tuple(
         f"climbplan.verification.check:{name}LIMITS"
-        for name in ("", "SHIFT_", "RISK_", "SCAN_", "FEET_", "SOLE_", "GRIP_")
+        for name in ("", "SHIFT_", "PACE_", "RISK_", "SCAN_", "FEET_", "SOLE_", "GRIP_")
     ),
     without={"study": None},
 )

@@ -7,8 +7,9 @@ accelerations s^2 times as large. With sigma = s^2, its contact forces f have to
     |t_0 + sigma t_1 + L f| <= t_max     torques of all joints
     |f_t| <= mu f_n, f_n >= 0            each contact, as an inscribed pyramid of eight sides
 
-at every sample, where index 0 is the motion at rest and 1 what its velocities add. The forces of
-least squares are those of a quadratic program a sample. Joint speeds bound s from above.
+at every sample, where index 0 is the motion at rest and 1 what its velocities add. The forces
+nearest to the planned ones are those of a quadratic program a sample. Joint speeds bound s from
+above.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from dataclasses import dataclass, replace
 import daqp
 import numpy as np
 
-from climbplan.arrays import Array, BoolArray
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.errors import UsageError
 from climbplan.motions.inverse_dynamics import MotionDynamics, compute_dynamics
 from climbplan.motions.link_tree import RobotFile
@@ -32,49 +33,78 @@ _FACETS = 8
 _FAR = 1e30  # no bound, in DAQP's terms
 _EQUALITY = 5  # of DAQP
 _OPTIMAL = 1
+_FORCE_TOLERANCE = 1e-10  # of the weight
 
 
 @dataclass(frozen=True)
 class ForceProblem:
-    """Balance and limits of a motion at its T - 2 inner samples; forces in units of the weight."""
+    """Balance and limits of a motion at S samples; forces in units of the weight."""
 
-    static_load: Array  # (T - 2, 6 + J) wrench and torques that forces balance at rest
-    inertial_load: Array  # (T - 2, 6 + J) what the velocities add at the motion's own pace
-    force_map: Array  # (T - 2, 6 + J, C, 3) wrench and torques that contact forces add
-    torque_limit: Array  # (J,) [weights m]
-    cones: Array  # (T - 2, C, F + 1, 3) rows of friction pyramids, the last along the normal
-    is_touching: BoolArray  # (T - 2, C)
+    static_load: Array  # (S, 6 + J) wrench and torques that forces balance at rest
+    inertial_load: Array  # (S, 6 + J) what the velocities add at the motion's own pace
+    force_map: Array  # (S, 6 + J, C, 3) wrench and torques that contact forces add
+    torque_limit: Array  # (J,), or (S, J) [weights m]
+    cones: Array  # (S, C, F + 1, 3) rows of friction pyramids, the last along the normal
+    is_touching: BoolArray  # (S, C)
     weight: float  # [N]
     max_pace: float  # by joint speeds
+    planned_force: Array | None = None  # (S, C, 3) that forces stay near to; None: zero
+    cost: Array | None = None  # (S, C, 3, C, 3) Hessian of the difference; None: its squares
 
     def solve(self, sample: int, pace: float) -> Array | None:
         """Return contact forces (C, 3) [weights] at a sample; None if there are none."""
         touching = np.flatnonzero(self.is_touching[sample])
         count = 3 * len(touching)
         load = self.static_load[sample] + pace**2 * self.inertial_load[sample]
+        limit = np.broadcast_to(self.torque_limit, self.static_load[:, 6:].shape)[sample]
         force = np.zeros((self.is_touching.shape[1], 3))
         if not count:
             is_free = np.abs(load[:6]).max() < 1e-6
-            return force if is_free and (np.abs(load[6:]) <= self.torque_limit).all() else None
+            return force if is_free and (np.abs(load[6:]) <= limit).all() else None
         balance = self.force_map[sample][:, touching].reshape(len(load), count)
         rows = self.cones.shape[2]
         cone = np.zeros((len(touching) * rows, count))
         for k, contact in enumerate(touching):
             cone[k * rows : (k + 1) * rows, 3 * k : 3 * k + 3] = self.cones[sample, contact]
-        upper = np.concatenate([-load[:6], self.torque_limit - load[6:], np.zeros(len(cone))])
-        lower = np.concatenate(
-            [-load[:6], -self.torque_limit - load[6:], np.full(len(cone), -_FAR)]
-        )
+        upper = np.concatenate([-load[:6], limit - load[6:], np.zeros(len(cone))])
+        lower = np.concatenate([-load[:6], -limit - load[6:], np.full(len(cone), -_FAR)])
         sense = np.zeros(len(upper), np.int32)
         sense[:6] = _EQUALITY
+        hessian, gradient = self._build_cost(sample, touching)
         answer, _, flag, _ = daqp.solve(
-            np.eye(count), np.zeros(count), np.vstack([balance, cone]), upper, lower, sense
+            hessian,
+            gradient,
+            np.vstack([balance, cone]),
+            upper,
+            lower,
+            sense,
+            primal_tol=_FORCE_TOLERANCE,
         )
         solution = np.asarray(answer)
         if flag != _OPTIMAL or not np.isfinite(solution).all():
             return None
         force[touching] = solution.reshape(-1, 3)
         return force
+
+    def _build_cost(self, sample: int, touching: IntArray) -> tuple[Array, Array]:
+        """Return Hessian (3 K, 3 K) and gradient (3 K,) of the cost of K contacts at a sample."""
+        count = 3 * len(touching)
+        hessian = np.eye(count)
+        if self.cost is not None:
+            hessian = self.cost[sample][touching][:, :, touching].reshape(count, count)
+        if self.planned_force is None:
+            return hessian, np.zeros(count)
+        return hessian, -hessian @ self.planned_force[sample, touching].ravel()
+
+    def find_sample_pace(self, sample: int, max_pace: float) -> float:
+        """Return the largest pace up to a maximum with forces at a sample; 0 if there is none."""
+        if self.solve(sample, max_pace) is not None:
+            return max_pace
+        low, high = 0.0, max_pace
+        for _ in range(_NUM_BISECTIONS):
+            middle = (low + high) / 2
+            low, high = (low, middle) if self.solve(sample, middle) is None else (middle, high)
+        return low
 
     def find_infeasible_sample(self, pace: float, first: int = 0) -> int | None:
         """Return a sample without forces at a pace, beginning at `first`; None if there is none."""
@@ -127,6 +157,9 @@ def build_force_problem(motion: TrackedMotion, robot: RobotFile) -> ForceProblem
             unit = compute_dynamics(probe, robot.urdf, robot.links)
             force_map[:, :, contact, axis] = _stack(unit) - static_load
     columns = [motion.joint_names.index(name) for name in robot.links.joint_names]
+    planned_force = np.zeros((*contacts.position[1:-1].shape,))
+    if contacts.force is not None:
+        planned_force = contacts.force[1:-1]
     speed = np.abs(motion.joint_velocity).max(axis=0)
     ratio = bounds.speed / np.maximum(speed, 1e-12)
     return ForceProblem(
@@ -134,10 +167,15 @@ def build_force_problem(motion: TrackedMotion, robot: RobotFile) -> ForceProblem
         inertial_load=inertial_load / weight,
         force_map=force_map,
         torque_limit=np.minimum(bounds.torque[columns] / weight, _FAR),
-        cones=_build_cones(contacts, surfaces.friction),
+        cones=build_pyramids(
+            contacts.normal[1:-1],
+            surfaces.friction[np.maximum(contacts.surface[1:-1], 0)],
+            planned_force,
+        ),
         is_touching=contacts.is_touching[1:-1],
         weight=weight,
         max_pace=float(min(MAX_PACE, ratio.min())),
+        planned_force=planned_force / weight,
     )
 
 
@@ -216,17 +254,33 @@ def _replace_force(contacts: ContactSamples, unit: tuple[int, int] | None) -> Co
     return replace(contacts, force=force)
 
 
-def _build_cones(contacts: ContactSamples, friction: Array) -> Array:
-    """Return the rows (T - 2, C, F + 1, 3) of inscribed friction pyramids: rows times f <= 0."""
-    normal = contacts.normal[1:-1]
-    mu = friction[np.maximum(contacts.surface[1:-1], 0)] * np.cos(np.pi / _FACETS)
+def build_pyramids(
+    normal: Array, friction: Array, force: Array, safety_factor: float = 1.0
+) -> Array:
+    """Return the rows (..., F + 1, 3) of inscribed friction pyramids: rows times f <= 0.
+
+    An edge of each pyramid lies below its tangential force, which is inside where it keeps to
+    friction.
+
+    Args:
+        normal: (..., 3) unit, into free space; zero in the air.
+        friction: (...) coefficients.
+        force: (..., 3) planned forces [N].
+        safety_factor: By which friction is reduced, but not below what planned forces need.
+    """
+    pressure = (force * normal).sum(axis=-1, keepdims=True)
+    tangential = force - pressure * normal
+    size = np.linalg.norm(tangential, axis=-1, keepdims=True)
     helper = np.where(np.abs(normal[..., :1]) < 0.9, [1.0, 0.0, 0.0], [0.0, 1.0, 0.0])
-    first = np.cross(normal, helper)
-    first /= np.maximum(np.linalg.norm(first, axis=-1, keepdims=True), 1e-12)
+    first = np.where(size > 1e-9, tangential, np.cross(normal, helper))
+    first = first / np.maximum(np.linalg.norm(first, axis=-1, keepdims=True), 1e-12)
     second = np.cross(normal, first)
-    angle = 2 * np.pi * np.arange(_FACETS) / _FACETS
-    sides = [np.cos(a) * first + np.sin(a) * second - mu[..., None] * normal for a in angle]
-    return np.stack([*sides, -normal], axis=2)
+    required = (1 + _FORCE_TOLERANCE) * size / np.maximum(pressure, 1e-12)
+    mu = np.clip(required, friction[..., None] / safety_factor, friction[..., None])
+    mu = mu * np.cos(np.pi / _FACETS)
+    angle = 2 * np.pi * (np.arange(_FACETS) + 0.5) / _FACETS
+    sides = [np.cos(a) * first + np.sin(a) * second - mu * normal for a in angle]
+    return np.stack([*sides, -normal], axis=-2)
 
 
 def _repeat_ends(values: Array) -> Array:

@@ -50,17 +50,22 @@ class LinkMasses:
         return np.asarray((moment + self.body_mass * self.body_middle) / whole)
 
 
-def weight_torques(pose: ChainPose, middles: Array, weight: Array) -> Array:
+def weight_torques(
+    pose: ChainPose, middles: Array, weight: Array, couple: Array | None = None
+) -> Array:
     """Return torques (..., N, J) of forces on links about the joints that carry them [N m, or N].
 
     Args:
         pose: The chains.
         middles: Points (..., N, J, 3) at which the forces act, body frame [m].
         weight: Forces (..., N, J, 3), body frame [N].
+        couple: Moments (..., N, J, 3) in addition, body frame [N m]; None for none.
     """
     # Power of the weight of link l by joint j <= l: axis . (arm x weight), or slide . weight
     arms = middles[..., None, :, :] - pose.joints[..., :, None, :]  # (..., N, joint, link, 3)
     moment = np.cross(arms, weight[..., None, :, :])
+    if couple is not None:
+        moment = moment + couple[..., None, :, :]
     power = np.einsum("...ji,...jli->...jl", pose.axes, moment)
     if pose.slides is not None:
         power += np.einsum("...ji,...li->...jl", pose.slides, weight)

@@ -111,6 +111,13 @@ SHIFT_LIMITS = {
     "steps.shift": Limit(1e-6, "m", "the body, at lifts, off its straight way as far as it may"),
 }
 
+# Made beside these for motions that are timed by their dynamics (`trajectory.pace`).
+PACE_LIMITS = {
+    "trajectory.dynamics": Limit(
+        1e-6, "of weight, limit", "stored forces and torques move the links, by inverse dynamics"
+    ),
+}
+
 # Made beside these where worlds are counted: for `risk` or `uncertainty`, and by `--worlds`.
 RISK_LIMITS = {
     "robust.risk": Limit(1e-9, "", "falls counted in worlds are within the interval that is told"),
@@ -167,6 +174,17 @@ GRIP_LIMITS = {
     "trajectory.wrist_torque": Limit(1e-4, "of limit", "wrist torques on the way within limits"),
     "trajectory.wrist_bounds": Limit(1e-6, "rad", "wrist angles on the way within bounds"),
 }
+
+_ALL_LIMITS = (
+    LIMITS
+    | SHIFT_LIMITS
+    | PACE_LIMITS
+    | RISK_LIMITS
+    | GRIP_LIMITS
+    | SCAN_LIMITS
+    | FEET_LIMITS
+    | SOLE_LIMITS
+)
 
 
 @dataclass(frozen=True)
@@ -244,9 +262,7 @@ def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
     """Return a check by its name in the tables of limits; NaN never passes."""
-    limit = (
-        LIMITS | SHIFT_LIMITS | RISK_LIMITS | GRIP_LIMITS | SCAN_LIMITS | FEET_LIMITS | SOLE_LIMITS
-    )[name]
+    limit = _ALL_LIMITS[name]
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))

@@ -21,6 +21,7 @@ from climbplan.verification.check import (
     FEET_LIMITS,
     GRIP_LIMITS,
     LIMITS,
+    PACE_LIMITS,
     RISK_LIMITS,
     SCAN_LIMITS,
     SHIFT_LIMITS,
@@ -78,6 +79,7 @@ def checks_page() -> str:
     kinds = {
         "Climbs and transitions": LIMITS
         | SHIFT_LIMITS
+        | PACE_LIMITS
         | RISK_LIMITS
         | GRIP_LIMITS
         | SCAN_LIMITS

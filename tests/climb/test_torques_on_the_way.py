@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import pytest
 
@@ -14,6 +15,9 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, InstantForces
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.scene.climb_scene import ClimbScene, build_scene
 from climbplan.climb.schema.loading import load_climb
+
+if TYPE_CHECKING:
+    from climbplan.climb.motion.keyframes import Keyframes
 
 SPEC = Path(__file__).parents[2] / "specs" / "climb_walker.yaml"
 SHORT = [
@@ -38,7 +42,9 @@ def played_with(
     def fake(scene: ClimbScene, *_: object) -> TimedMotion:
         asked.append(scene.spec.force.safety_torque)
         return TimedMotion(
-            replace(plan.trajectory, time=plan.trajectory.time + len(asked)), uses.pop(0)
+            replace(plan.trajectory, time=plan.trajectory.time + len(asked)),
+            uses.pop(0),
+            cast("Keyframes", None),  # which motions without a pace do not need
         )
 
     monkeypatch.setattr("climbplan.climb.motion.in_hand.build_timed_motion", fake)

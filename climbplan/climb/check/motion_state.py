@@ -14,6 +14,7 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.check.anew.feet import compute_contact_arm
 from climbplan.climb.check.anew.gait import ClimbGait, reconstruct_gait
+from climbplan.climb.check.anew.inertia import Inertia, compute_inertia
 from climbplan.climb.check.anew.kinematics import (
     HeldLimbs,
     Limbs,
@@ -24,6 +25,7 @@ from climbplan.climb.check.anew.kinematics import (
 from climbplan.climb.check.anew.soles import compute_sole_axes
 from climbplan.climb.check.anew.weights import compute_weight_wrench
 from climbplan.climb.check.normals import compute_normals
+from climbplan.climb.check.spec import read_payload
 from climbplan.climb.check.subject import Subject
 from climbplan.climb.plan.climb_plan import ClimbPlan
 
@@ -125,6 +127,22 @@ def _find_foothold_rounds(gait: ClimbGait, num_placed: IntArray) -> IntArray:
             np.minimum(num_placed[:, limb], len(foothold_rounds) - 1)
         ]
     return rounds_of_limbs
+
+
+def compute_motion_inertia(motion: MotionState) -> Inertia:
+    """Return the inertial load of a motion that is timed by its dynamics; zero for others."""
+    plan, angles = motion.subject.plan, select_angles(motion)
+    trajectory = plan.trajectory
+    if not trajectory.is_paced:
+        return Inertia(np.zeros((len(trajectory.time), 6)), np.zeros(angles.shape))
+    return compute_inertia(
+        plan.robot,
+        trajectory.com,
+        compute_body_axes(trajectory.rpy),
+        angles,
+        step=float(trajectory.time[-1] - trajectory.time[0]) / (len(trajectory.time) - 1),
+        payload=read_payload(plan),
+    )
 
 
 def compute_load(motion: MotionState) -> Array:

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from climbplan.arrays import Array
+from climbplan.climb.check.anew.feet import compute_contact_arm, move_toes_to_contacts
 from climbplan.climb.check.anew.kinematics import build_limbs, compute_body_axes
 from climbplan.climb.check.anew.weights import compute_link_torques
 from climbplan.climb.check.friction_factor import compute_friction_factor, format_min_factor
@@ -15,12 +16,14 @@ from climbplan.climb.check.motion_forces import compute_motion_forces
 from climbplan.climb.check.motion_state import (
     MotionState,
     compute_load,
+    compute_motion_inertia,
     select_angles,
     select_instants,
 )
 from climbplan.climb.check.soles import check_soles_in_motion
+from climbplan.climb.check.spec import states_pace
 from climbplan.robots.joint_units import format_largest_torques
-from climbplan.verification.check import Check, judge_worst
+from climbplan.verification.check import Check, judge, judge_worst
 
 
 def check_pressing(motion: MotionState) -> Iterator[Check]:
@@ -29,6 +32,8 @@ def check_pressing(motion: MotionState) -> Iterator[Check]:
     """
     plan = motion.subject.plan
     robot, trajectory = plan.robot, plan.trajectory
+    inertia = compute_motion_inertia(motion)
+    load = compute_load(motion) + inertia.wrench
     k = select_instants(motion)
     normal, mu = plan.instants.normal[k], plan.instants.mu[k]
     motion_forces = compute_motion_forces(
@@ -38,7 +43,7 @@ def check_pressing(motion: MotionState) -> Iterator[Check]:
         standing=motion.standing,
         command=trajectory.joint_command,
         contact=~motion.lifted,
-        load=compute_load(motion),
+        load=load,
         moment=compute_wrist_moment(motion.subject, normal),
         arm=motion.arm,
         is_flat=motion.soles is not None,
@@ -61,9 +66,10 @@ def check_pressing(motion: MotionState) -> Iterator[Check]:
         yield from check_grips_in_motion(
             motion.subject, motion_forces.force, limbs, k, ~motion.lifted, motion.describe_sample
         )
-    motor_torque = motion_forces.torque + compute_link_torques(
+    link_torque = inertia.torque + compute_link_torques(
         robot, compute_body_axes(trajectory.rpy), select_angles(motion)
     )
+    motor_torque = motion_forces.torque + link_torque
     torque_ratio = np.abs(motor_torque) / robot.max_torque
     max_torque = f"at most {format_largest_torques(robot, motor_torque)}"
     yield judge_worst(
@@ -72,6 +78,44 @@ def check_pressing(motion: MotionState) -> Iterator[Check]:
         motion.describe_sample,
         margin=max_torque,
         used=torque_ratio,
+    )
+    if trajectory.is_paced or states_pace(plan):
+        yield _check_dynamics(motion, normal, load, link_torque)
+
+
+def _check_dynamics(motion: MotionState, normal: Array, load: Array, link_torque: Array) -> Check:
+    """Check that stored forces and torques move the links, by Newton's and Euler's equations.
+
+    Args:
+        motion: The motion.
+        normal: (T, N, 3) of surfaces below toes.
+        load: (T, 6) weight, external and inertial load about the body's origin [N, N m].
+        link_torque: (T, N, J) of the links' weight and inertia [N m].
+    """
+    plan = motion.subject.plan
+    robot, trajectory = plan.robot, plan.trajectory
+    if trajectory.force is None or trajectory.torque is None:
+        return judge(
+            "trajectory.dynamics", np.inf, "no forces and torques, which the pace asks for"
+        )
+    limbs = build_limbs(
+        robot, trajectory.com, compute_body_axes(trajectory.rpy), select_angles(motion)
+    )
+    arm = compute_contact_arm(robot, normal)
+    force = np.where(motion.lifted[..., None], 0.0, trajectory.force)
+    arms = limbs.toe + arm - trajectory.com[:, None]
+    wrench = load + np.concatenate([force.sum(axis=1), np.cross(arms, force).sum(axis=1)], axis=1)
+    torque = np.einsum("tnij,tni->tnj", move_toes_to_contacts(limbs, arm).jacobian(), force)
+    if trajectory.moment is not None:
+        moment = np.where(motion.lifted[..., None], 0.0, trajectory.moment)
+        wrench[:, 3:] += moment.sum(axis=1)
+        torque += (limbs.compute_angular_jacobian() @ moment[..., None])[..., 0]
+    unbalanced = np.abs(wrench).max(axis=1) / motion.subject.weight
+    torque_error = np.abs(trajectory.torque - torque - link_torque) / robot.max_torque
+    error = np.maximum(unbalanced, torque_error.max(axis=(1, 2)))
+    duration = float(trajectory.time[-1] - trajectory.time[0])
+    return judge_worst(
+        "trajectory.dynamics", error, motion.describe_sample, margin=f"{duration:.3g} s of motion"
     )
 
 

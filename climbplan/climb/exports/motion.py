@@ -92,6 +92,9 @@ def build_motion(plan: ClimbPlan) -> RobotMotion:
     # What bends a joint is the motor and the structure beyond it; encoders see the motor's part.
     torque = (trajectory.joint_command - angle) / joint_softness(robot)
     torque = np.where(trajectory.contact[..., None], torque, 0.0)
+    link_load = link_torques(robot, trajectory.rpy, angle)
+    if trajectory.torque is not None:  # with the links' inertia
+        link_load = trajectory.torque + torque
     encoder_angle = trajectory.joint_command - torque / robot.joint_stiffness
     slides = tuple(robot.slides[has_joint].tolist())
     velocity, acceleration = differentiate_spline(
@@ -114,7 +117,7 @@ def build_motion(plan: ClimbPlan) -> RobotMotion:
             angle=encoder_angle[:, has_joint],
             torque=torque[:, has_joint],
             feedforward=np.zeros_like(torque[:, has_joint]),
-            gravity=-link_torques(robot, trajectory.rpy, angle)[:, has_joint],
+            gravity=-link_load[:, has_joint],
             gain=robot.joint_stiffness[has_joint],
             slides=slides,
             limits=_build_joint_limits(plan, angle),

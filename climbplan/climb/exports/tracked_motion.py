@@ -370,6 +370,9 @@ def _build_sole_moments(
     plan, robot = sampler.plan, sampler.plan.robot
     if robot.sole is None:
         return None
+    if plan.trajectory.moment is not None:
+        moment = sampler.interpolate(plan.trajectory.moment, time)
+        return np.where(touching[..., None], moment, 0.0)
     assert loads.joints is not None
     torque = np.zeros((len(plan.trajectory.time), *robot.has_joint.shape))
     torque[:, robot.has_joint] = loads.joints.torque

@@ -11,6 +11,7 @@ from dataclasses import replace
 
 from climbplan.arrays import Array
 from climbplan.climb.forces.planner import plan_forces
+from climbplan.climb.motion.retiming import retime_trajectory
 from climbplan.climb.motion.trajectory import build_timed_motion
 from climbplan.climb.plan.climb_plan import InstantForces, Instants, Rounds, Trajectory
 from climbplan.climb.scene.climb_scene import MotionScene
@@ -30,7 +31,8 @@ def plan_with_torque_reserve(
     """Plan the motion of forces, with other forces if torques exceed their limits on the way.
 
     If there are no better forces the given ones stay, and the plan's check fails. `swings` and
-    exceptions are those of `build_timed_motion`.
+    exceptions are those of `build_timed_motion`, and of `retime_trajectory` where the spec states
+    a pace.
     """
     result = build_timed_motion(scene, rounds, instants, forces, swings)
     tighter = scene
@@ -45,6 +47,8 @@ def plan_with_torque_reserve(
             break
         if alternative.torque_use < result.torque_use:
             forces, result = forces_again, alternative
+    if scene.spec.trajectory.pace is not None:
+        return forces, retime_trajectory(scene, result)
     return forces, result.trajectory
 
 

@@ -8,6 +8,7 @@ curves; its deviation from the linear path is distributed to the standing limbs.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -42,7 +43,7 @@ MAX_ACCELERATION = 0.03  # by gravity, of a body on toes
 _PRESSURE_OFFSET_FRACTION = (
     0.25  # of a flat foot's half width, for the shift of the centre of pressure by inertia
 )
-_BOUND_TOLERANCE = 1e-7  # [rad] of solvers
+BOUND_TOLERANCE = 1e-7  # [rad] of solvers
 _MAX_SAMPLES = 1_000_000  # larger plans would take gigabytes to verify
 
 
@@ -52,6 +53,7 @@ class TimedMotion:
 
     trajectory: Trajectory
     torque_use: float
+    frames: Keyframes  # between which it moves
 
 
 def plan_trajectory(
@@ -100,31 +102,43 @@ def build_timed_motion(
     count = np.maximum(
         np.rint(frames.duration_fraction * nominal * rate), min_samples
     )  # samples of each segment
-    if count.sum() >= _MAX_SAMPLES:
-        raise UsageError(
-            f"the motion takes {count.sum() / rate:.3g} s, {count.sum():.3g} samples at {rate:g} "
-            f"Hz; a plan holds {_MAX_SAMPLES}: raise trajectory.speed or lower trajectory.rate"
-        )
-    segment_ends = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
-
-    sample = np.arange(segment_ends[-1] + 1)
-    segment = np.clip(np.searchsorted(segment_ends, sample, side="right") - 1, 0, len(count) - 1)
-    fraction = (sample - segment_ends[segment]) / count[segment]
-    states = _interpolate_states(frames, segment, _ease(fraction))
-    joints = _compute_joint_motion(scene, states, [frames.label[s] for s in segment])
-    contact = frames.contact[segment]
-    motion = Trajectory(sample / rate, states.com, states.rpy, joints.command, contact)
+    segment, fraction = split_samples(count, rate)
+    states = interpolate_states(frames, segment, _ease(fraction))
+    joints = compute_joint_motion(scene, states, [frames.label[s] for s in segment])
+    time = np.arange(len(segment)) / rate
+    motion = Trajectory(time, states.com, states.rpy, joints.command, states.contact)
     torque_use = float((np.abs(joints.torque) / robot.max_torque).max())
     if robot.gripper is None:
-        return TimedMotion(motion, torque_use)
+        return TimedMotion(motion, torque_use, frames)
     from climbplan.climb.forces.grips.plan import find_firm_limbs
 
     grips = GripForces.unpack(joints.contact_state[..., :PACKED])
     assert scene.grippers is not None
     firm = _apply_firm_grips(grips.grip, motion.contact, find_firm_limbs(scene.grippers, instants))
     return TimedMotion(
-        replace(motion, grips=replace(grips, grip=firm), force=joints.force), torque_use
+        replace(motion, grips=replace(grips, grip=firm), force=joints.force), torque_use, frames
     )
+
+
+def split_samples(count: Array, rate: float) -> tuple[IntArray, Array]:
+    """Return segments (S,) of samples, and fractions (S,) of their time, for numbers of samples.
+
+    Args:
+        count: (F-1,) samples of each segment.
+        rate: Sample rate [Hz].
+
+    Raises:
+        UsageError: A plan cannot hold so many.
+    """
+    if count.sum() >= _MAX_SAMPLES:
+        raise UsageError(
+            f"the motion takes {count.sum() / rate:.3g} s, {count.sum():.3g} samples at {rate:g} "
+            f"Hz; a plan holds {_MAX_SAMPLES}: raise trajectory.speed or lower trajectory.rate"
+        )
+    segment_ends = np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+    sample = np.arange(segment_ends[-1] + 1)
+    segment = np.clip(np.searchsorted(segment_ends, sample, side="right") - 1, 0, len(count) - 1)
+    return segment, (sample - segment_ends[segment]) / count[segment]
 
 
 def _apply_firm_grips(grip: Array, contact: BoolArray, is_firm_limb: BoolArray) -> Array:
@@ -146,7 +160,7 @@ def _ease(fraction: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class _MotionStates:
+class MotionStates:
     """S states of the motion."""
 
     com: Array  # (S, 3)
@@ -161,14 +175,14 @@ class _MotionStates:
     weight: Array  # (S, 3) moment of the weight that the forces balance [N m]
 
 
-def _interpolate_states(frames: Keyframes, segment: IntArray, fraction: Array) -> _MotionStates:
+def interpolate_states(frames: Keyframes, segment: IntArray, fraction: Array) -> MotionStates:
     """Interpolate states at fractions (S,) of segments (S,)."""
 
     def mix(values: Array) -> Array:
         s = fraction.reshape(-1, *[1] * (values.ndim - 1))
         return np.asarray((1 - s) * values[segment] + s * values[segment + 1])
 
-    return _MotionStates(
+    return MotionStates(
         mix(frames.com),
         mix(frames.rpy),
         mix(frames.toes),
@@ -184,16 +198,24 @@ def _interpolate_states(frames: Keyframes, segment: IntArray, fraction: Array) -
 
 def _compute_min_durations(scene: MotionScene, frames: Keyframes) -> Array:
     """Compute durations (F-1,) of segments by joint speeds and inertia [s]."""
+    return np.maximum(
+        compute_speed_durations(scene, frames, _ease),
+        _compute_inertial_durations(scene.robot, frames),
+    )
+
+
+def compute_speed_durations(
+    scene: MotionScene, frames: Keyframes, ease: Callable[[Array], Array]
+) -> Array:
+    """Compute durations (F-1,) of segments by joint speeds [s], for a path fraction of time."""
     robot, count = scene.robot, len(frames.duration_fraction)
     segment = np.repeat(np.arange(count), _NUM_PROBES)
     fraction = np.tile(np.linspace(0.0, 1.0, _NUM_PROBES), count)
-    states = _interpolate_states(frames, segment, _ease(fraction))
-    angles = _compute_joint_motion(scene, states, [frames.label[s] for s in segment]).command
+    states = interpolate_states(frames, segment, ease(fraction))
+    angles = compute_joint_motion(scene, states, [frames.label[s] for s in segment]).command
     joint_steps = np.abs(np.diff(angles.reshape(count, _NUM_PROBES, *angles.shape[1:]), axis=1))
     largest_ratio = (joint_steps * (_NUM_PROBES - 1) / robot.max_joint_speed).max(axis=(1, 2, 3))
-    return np.maximum(
-        _SPEED_MARGIN * largest_ratio + 1e-3, _compute_inertial_durations(robot, frames)
-    )
+    return np.asarray(_SPEED_MARGIN * largest_ratio + 1e-3)
 
 
 def _compute_inertial_durations(robot: Robot, frames: Keyframes) -> Array:
@@ -216,7 +238,7 @@ def _compute_inertial_durations(robot: Robot, frames: Keyframes) -> Array:
     return np.asarray(np.sqrt(6.0 * distance * height / (robot.gravity * pressure_offset)))
 
 
-def _balance_weight(scene: MotionScene, states: _MotionStates, angles: Array) -> _MotionStates:
+def _balance_weight(scene: MotionScene, states: MotionStates, angles: Array) -> MotionStates:
     """Correct forces to balance the weight where it acts at angles (S, N, J).
 
     The missing moment is distributed to standing limbs by their pressure: as moments on soles, as
@@ -243,8 +265,8 @@ def _balance_weight(scene: MotionScene, states: _MotionStates, angles: Array) ->
 
 
 def _balance_weight_by_grips(
-    grippers: Grippers, states: _MotionStates, missing_moment: Array
-) -> _MotionStates:
+    grippers: Grippers, states: MotionStates, missing_moment: Array
+) -> MotionStates:
     """Correct grips to add a missing moment (S, 3), with the corresponding wrist moments."""
     from climbplan.climb.forces.grips.moment_distribution import distribute_moment
 
@@ -267,18 +289,17 @@ def _balance_weight_by_grips(
 
 
 @dataclass(frozen=True)
-class _MotorTrajectory:
+class JointMotion:
     """Joint commands and torques at S states."""
 
+    angles: Array  # (S, N, J) of the robot, which commands exceed
     command: Array  # (S, N, J)
     torque: Array  # (S, N, J) of motors, which hold the links' own weight too
     force: Array  # (S, N, 3) that balance the weight
     contact_state: Array  # (S, N, 10) likewise
 
 
-def _compute_joint_motion(
-    scene: MotionScene, states: _MotionStates, where: list[str]
-) -> _MotorTrajectory:
+def compute_joint_motion(scene: MotionScene, states: MotionStates, where: list[str]) -> JointMotion:
     """Compute joint commands that realise toes and forces; raise ReachFailure if impossible."""
     robot = scene.robot
     toes_body = to_body(states.com, states.rpy, states.toes)
@@ -299,14 +320,15 @@ def _compute_joint_motion(
     if states.carried.any():
         command -= (joint_turns(robot, jacobian) @ states.carried[..., None])[..., 0]
     excess = np.maximum(robot.joint_lower - command, command - robot.joint_upper)
-    if excess.max() > _BOUND_TOLERANCE:
+    if excess.max() > BOUND_TOLERANCE:
         s, limb, joint = np.unravel_index(int(np.argmax(excess)), excess.shape)
         amount = format_joint_position(robot, int(limb), int(joint), float(excess.max()), ".2g")
         excess_text = f"{amount} past its bound"
         name = robot.joint_name(int(limb), int(joint))
         reason = f"toe with the planned force: commanded {name} {excess_text}"
         raise ReachFailure(robot.limb_names[limb], reason, 0.0, where[s])
-    return _MotorTrajectory(
+    return JointMotion(
+        angles,
         command,
         torques + link_torques(robot, states.rpy, angles),
         states.force,

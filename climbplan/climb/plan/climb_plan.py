@@ -114,7 +114,14 @@ class Trajectory:
     joint_command: Array  # (T, N, J) [rad]
     contact: BoolArray  # (T, N)
     grips: GripForces | None = None  # of robots with grippers
-    force: Array | None = None  # (T, N, 3) likewise, contact forces [N]
+    force: Array | None = None  # (T, N, 3) contact forces, of grippers or of paced motions [N]
+    moment: Array | None = None  # (T, N, 3) on flat feet about their toes, of paced motions [N m]
+    torque: Array | None = None  # (T, N, J) of paced motions: contacts, links' weight and inertia
+
+    @property
+    def is_paced(self) -> bool:
+        """Return whether the dynamics of the links time it; otherwise it is quasi-static."""
+        return self.torque is not None
 
 
 @dataclass(frozen=True)

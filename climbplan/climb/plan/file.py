@@ -102,7 +102,7 @@ def write_climb(plan: ClimbPlan, path: Path) -> None:
             write_dataset(instants, "corner_force", plan.forces.corner_force, layout.CORNER_FORCE)
         if plan.forces.link_torques is not None:
             write_dataset(instants, "link_torques", plan.forces.link_torques, layout.LINK_TORQUES)
-        write_datasets(file.create_group("trajectory"), layout.TRAJECTORY, vars(plan.trajectory))
+        _write_trajectory(file.create_group("trajectory"), plan.trajectory)
         limits = file.create_group("limits")
         write_datasets(limits, layout.LIMITS, vars(plan.limits))
         for name in layout.LIMITS_NUMBERS:
@@ -154,6 +154,14 @@ def _write_header(file: h5py.File, plan: ClimbPlan) -> None:
     )
 
 
+def _write_trajectory(group: h5py.Group, trajectory: Trajectory) -> None:
+    write_datasets(group, layout.TRAJECTORY, vars(trajectory))
+    if trajectory.is_paced:
+        write_datasets(group, layout.PACED, vars(trajectory))
+        if trajectory.moment is not None:
+            write_dataset(group, "moment", trajectory.moment, layout.PACED_MOMENT)
+
+
 def _write_study(group: h5py.Group, study: Study) -> None:
     write_dataset(group, "keys", study.keys, layout.TEXTS)
     write_dataset(group, "labels", Study.LABELS, layout.TEXTS)
@@ -176,7 +184,7 @@ def _read(reader: Reader) -> ClimbPlan:
     if robot.links is not None:
         link_torques = reader.array("instants/link_torques", layout.LINK_TORQUES)
         forces = replace(forces, link_torques=link_torques)
-    trajectory = Trajectory(**reader.datasets("trajectory", layout.TRAJECTORY))
+    trajectory = _read_trajectory(reader, robot)
     bounds = reader.datasets("limits", layout.LIMITS)
     bounds |= {
         name: reader.number("limits", name)
@@ -217,6 +225,18 @@ def _read(reader: Reader) -> ClimbPlan:
         sample=_read_sample(reader),
         **read_header(reader),
     )
+
+
+def _read_trajectory(reader: Reader, robot: Robot) -> Trajectory:
+    trajectory = Trajectory(**reader.datasets("trajectory", layout.TRAJECTORY))
+    if not reader.has("trajectory/torque"):
+        return trajectory
+    if robot.gripper is not None:
+        raise reader.refuse("trajectory/torque: expected none, of a robot with grippers")
+    loads = reader.datasets("trajectory", layout.PACED)
+    if robot.sole is not None:
+        loads["moment"] = reader.array("trajectory/moment", layout.PACED_MOMENT)
+    return replace(trajectory, **loads)
 
 
 def _require_counts(reader: Reader, kind: str) -> None:

@@ -123,6 +123,14 @@ TRAJECTORY = {
     "contact": DatasetLayout(("T", "N"), kind="bool"),
 }
 
+# Of motions that are timed by the dynamics of their links, in the same group, with the moments of
+# flat feet; torques are those of contact forces, weight and inertia of the links
+PACED = {
+    "force": DatasetLayout(("T", "N", 3), "N", "world"),
+    "torque": DatasetLayout(("T", "N", "J"), "N m", "motors bring minus it"),
+}
+PACED_MOMENT = DatasetLayout(("T", "N", 3), "N m", "world, about the toes")
+
 LIMITS = {
     "goal_com": DatasetLayout((3,), "m", "world"),
     "goal_toes": DatasetLayout(("N", 3), "m", "world"),

@@ -22,7 +22,7 @@ def find_implausible_lengths(
     These are walls and tubes far wider than limbs brace, and a start or goal far from every
     surface.
 
-    So is a load that the motors could not hold by far.
+    So are a load that the motors could not hold by far, and a pace of robots with grippers.
 
     Args:
         spec: Spec of a climb or a transition.
@@ -30,6 +30,12 @@ def find_implausible_lengths(
         terrain: Terrain with all surfaces of the spec.
     """
     yield from _find_implausible_payload(spec, robot)
+    if spec.trajectory.pace is not None and robot.gripper is not None:
+        yield SpecMistake(
+            "trajectory.pace",
+            f"expected none: {robot.name} has grippers, whose holds are planned for quasi-static "
+            "motions",
+        )
     hips = float(np.linalg.norm(robot.shoulder_body, axis=1).max())
     radius = robot.reach + hips  # [m] from the body's origin to the farthest toe
     walls, tube = spec.terrain.walls, spec.terrain.tube

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, Self
 
-from annotated_types import Ge, Le
+from annotated_types import Ge, Gt, Le
 from pydantic import BeforeValidator, Field, model_validator
 
 from climbplan.climb.schema.force import ForcePlannerSpec
@@ -20,6 +20,8 @@ from climbplan.schema.robots.urdf.model import RobotReference
 from climbplan.schema.terrain.terrain import TerrainSpec
 
 MAX_ROUNDS = 200
+MAX_PACE = 1000
+MIN_PACED_RATE = 100.0  # [Hz] at which accelerations are sampled
 
 
 class PostureSpec(SpecModel):
@@ -222,6 +224,21 @@ class PosturePlannerSpec(SpecModel):
     )
 
 
+def _parse_pace(value: Any) -> Any:
+    """Return a valid pace, a factor or "fastest"; raise ValueError for others."""
+    is_factor = isinstance(value, int | float) and not isinstance(value, bool) and value > 0
+    if value == "fastest" or (is_factor and value <= MAX_PACE):
+        return value
+    raise ValueError(
+        f"expected a number greater than 0 and at most {MAX_PACE}, or fastest; got {value!r}"
+    )
+
+
+Pace = Annotated[
+    Annotated[float, Gt(0), Le(MAX_PACE)] | Literal["fastest"], BeforeValidator(_parse_pace)
+]
+
+
 class TrajectorySpec(SpecModel):
     """The playable motion between the planned instants."""
 
@@ -231,6 +248,13 @@ class TrajectorySpec(SpecModel):
         default=0.2 / 60,
         gt=0,
         le=1,
+    )
+    pace: Pace | None = quantity(
+        "",
+        "time the motion by the dynamics of its links, with contact forces and torques that move "
+        "them: a factor on `speed`, less where joint speeds, torques or friction ask for it, or "
+        "`fastest`; sampled at 100 Hz at least. Left out: quasi-static",
+        default=None,
     )
     rate: Number = quantity("Hz", "sample rate", default=20.0, gt=0, le=1000)
     swing_clearance: Number = quantity(

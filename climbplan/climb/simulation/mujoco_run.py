@@ -17,7 +17,11 @@ import numpy as np
 from climbplan.arrays import Array, BoolArray
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.played import sample_instants
-from climbplan.climb.simulation.control.feedforward import compute_gravity_torques
+from climbplan.climb.simulation.control.feedforward import (
+    compute_gravity_torques,
+    compute_inertia_torques,
+    compute_speed_offsets,
+)
 from climbplan.climb.simulation.control.regulator import JointOdometry, Regulator
 from climbplan.climb.simulation.executive.settings import ExecutiveEvent
 from climbplan.climb.simulation.grips.gripping import GripperSimulation, GripReport
@@ -128,8 +132,11 @@ class MujocoRun:
         if conditions.limb_weights:
             # Commanded with the stiffness the motors are believed to have
             believed = compute_assumed_stiffness(plan.robot, conditions)
-            self.carrying = compute_gravity_torques(plan, conditions) / believed
+            carrying = compute_gravity_torques(plan, conditions) + compute_inertia_torques(plan)
+            self.carrying = carrying / believed
             self.command = self.command + self.carrying
+        if plan.trajectory.is_paced:
+            self.command = self.command + compute_speed_offsets(plan, conditions)
         if conditions.world is not None:
             self.command = self.command + compute_foothold_commands(plan, conditions.world)
 

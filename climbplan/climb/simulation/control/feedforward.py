@@ -6,6 +6,8 @@ by weight over stiffness, and the robot would sink with every step.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from climbplan.arrays import Array
@@ -14,6 +16,8 @@ from climbplan.climb.plan.played import compute_true_angles, sample_instants
 from climbplan.climb.simulation.model.chain_limb import require_chain
 from climbplan.climb.simulation.model.link_masses import select_link_masses
 from climbplan.climb.simulation.model.mjcf import compute_link_mass
+from climbplan.mechanics.equilibrium import link_torques
+from climbplan.mechanics.stiffness import joint_softness
 from climbplan.robots.five_bar import FiveBar
 from climbplan.robots.kinematics import joint_points_body
 from climbplan.robots.link_masses import weight_torques
@@ -21,6 +25,7 @@ from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.motors import compute_assumed_stiffness, compute_motor_damping
 
 _STEP = 1e-6  # [rad] of difference quotients
 
@@ -48,6 +53,33 @@ def compute_gravity_torques(plan: ClimbPlan, conditions: Conditions) -> Array:
     moment = np.cross(arms, weight[:, :, None])
     power = np.einsum("tnji,tnjli->tnjl", _compute_joint_axes(robot, angles), moment)
     return -np.triu(power).sum(axis=-1)  # links from the joint outward
+
+
+def compute_inertia_torques(plan: ClimbPlan) -> Array:
+    """Compute torques (T, N, J) that accelerate the links of a paced motion [N m]; zero of others.
+
+    They are what stored torques of motors are beyond contact forces and the links' weight.
+    """
+    trajectory, robot = plan.trajectory, plan.robot
+    if trajectory.torque is None:
+        return np.zeros_like(trajectory.joint_command)
+    angles = compute_true_angles(plan, sample_instants(plan))
+    contact = (angles - trajectory.joint_command) / joint_softness(robot)
+    contact = np.where(trajectory.contact[..., None], contact, 0.0)
+    return contact + link_torques(robot, trajectory.rpy, angles) - trajectory.torque
+
+
+def compute_speed_offsets(plan: ClimbPlan, conditions: Conditions) -> Array:
+    """Compute offsets (T, N, J) of commands by which damped servos do not lag behind [rad].
+
+    Servos with gain k and damping d to rest follow commands q + d/k dq/dt, as servos with a speed
+    reference follow q.
+    """
+    angles = compute_true_angles(plan, sample_instants(plan))
+    nominal = replace(conditions, damping=1.0, world=None)
+    damping = compute_motor_damping(plan.robot, nominal)
+    speed = conditions.speed * np.gradient(angles, plan.trajectory.time, axis=0)
+    return damping / compute_assumed_stiffness(plan.robot, conditions) * speed
 
 
 def compute_links_wrench(plan: ClimbPlan, conditions: Conditions) -> Array:

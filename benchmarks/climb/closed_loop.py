@@ -100,10 +100,11 @@ class ExecutionRow:
     is_closed: bool
     is_fallen: bool
     has_arrived: bool  # stands at the end of the plan
-    clock: float  # [s] of the plan, at the end
+    clock: float  # [s] of the plan, at the end or where the robot left it
     duration: float  # [s] of the robot's
     stopped: str
     slips: int  # noticed by the executive
+    replans: int  # plans from measured stances that it went on by
     step_median: float  # [s] computing time
     step_longest: float  # [s] likewise; force problems are solved in some steps
 
@@ -140,7 +141,7 @@ def bench_closed_loop(
     measured = {(row.scene, row.kind, row.number, row.is_closed): row for row in known}
     print(
         f"{'scene':<18}{'worlds':<22}{'open: fall':>14}{'closed: fall':>16}{'95 %':>14}"
-        f"{'stop':>7}{'arrive':>9}{'time':>7}{'step':>9}",
+        f"{'stop':>7}{'replan':>8}{'arrive':>9}{'time':>7}{'step':>9}",
         file=out,
         flush=True,
     )
@@ -177,18 +178,20 @@ def _execute(
     run = simulate(plan, build_conditions(plan, kind, number, is_closed, seed))
     execution = run.execution
     stopped = "" if execution is None else execution.stopped
-    clock = float(run.time[-1])
+    has_arrived = not run.fallen and not stopped
+    clock = float(plan.trajectory.time[-1] if has_arrived else run.time[-1])
     return ExecutionRow(
         scene=scene,
         kind=kind,
         number=number,
         is_closed=is_closed,
         is_fallen=run.fallen,
-        has_arrived=not run.fallen and not stopped,
+        has_arrived=has_arrived,
         clock=round(clock, 2),
         duration=round(clock if execution is None else execution.duration, 2),
         stopped=stopped,
         slips=0 if execution is None else sum(e.kind == "slipped" for e in execution.events),
+        replans=0 if execution is None else len(execution.replans),
         step_median=0.0 if execution is None else float(np.median(execution.step_times)),
         step_longest=0.0 if execution is None else float(execution.step_times.max()),
     )
@@ -233,7 +236,7 @@ def _print_summary(rows: list[ExecutionRow], out: TextIO) -> None:
         f"{rows[0].scene:<18}{rows[0].kind:<22}"
         f"{f'{sum(row.is_fallen for row in opened)} of {len(opened)}':>14}"
         f"{f'{falls} of {len(closed)}':>16}{f'{low:.0%} to {high:.0%}':>14}"
-        f"{sum(bool(row.stopped) for row in closed):>7}"
+        f"{sum(bool(row.stopped) for row in closed):>7}{sum(row.replans for row in closed):>8}"
         f"{f'{len(arrived)} of {len(closed)}':>9}{time:>7.2f}{f'{step:.2f} ms':>9}",
         file=out,
         flush=True,

@@ -59,6 +59,7 @@ class Conditions:
     joint_noise: float = 0.0  # standard deviation of what the joints' sensors tell [rad]
     noise_seed: int = 0
     closed_loop: bool = False  # contacts are measured before the plan goes on
+    max_replans: int = 2  # plans from measured stances, in closed loop
     torque_error: float = 0.05  # standard deviation of the scale of each motor's measured torque
     world: World | None = None  # what robot and terrain are beside this; None: as planned
 

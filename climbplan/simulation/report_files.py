@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -104,10 +104,12 @@ class SimulationRecord:
     notes: Sequence[str]  # what is judged and what is not
     worlds: str = ""  # in how many the robot stands
     worst: tuple[str, bytes] | None = None  # of these, in words, and as an animated GIF
+    # What writes plans that were made during the simulation, by file name
+    plans: Mapping[str, Callable[[Path], None]] = field(default_factory=dict)
 
 
 def write_simulation(record: SimulationRecord, directory: Path) -> None:
-    """Write report.json, report.html, simulation.csv, figures/ and, if there is one, the film."""
+    """Write report.json, report.html, simulation.csv, figures/, and films and plans if any."""
     images = {name: render_png(figure) for name, figure in record.figures.items()}
     write_files(directory, record.report, _render_page(record, images), images)
     (directory / RESULT).write_text(record.table, encoding="utf-8")
@@ -115,6 +117,8 @@ def write_simulation(record: SimulationRecord, directory: Path) -> None:
         (directory / FILM).write_bytes(record.film)
     if record.worst is not None:
         (directory / WORST_FILM).write_bytes(record.worst[1])
+    for name, write_plan in record.plans.items():
+        write_plan(directory / name)
 
 
 def _render_page(record: SimulationRecord, images: Mapping[str, bytes]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from climbplan.arrays import Array
+from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.forces.statement import build_robot_forces, check_forces
 from climbplan.climb.plan.climb_plan import ClimbPlan, Instants
 from climbplan.climb.plan.file import write_climb
@@ -35,10 +36,10 @@ from climbplan.climb.simulation.risk.estimation import (
 )
 from climbplan.climb.simulation.worlds.nominal_world import build_nominal_world
 from climbplan.climb.simulation.worlds.uncertainty import Uncertainty, build_layout
-from climbplan.errors import UsageError
+from climbplan.errors import Unresolved, UsageError
 from climbplan.mechanics.stiffness import limb_compliance
 from climbplan.robots.kinematics import jacobian_world, standing_inverse, toe_world
-from climbplan.simulation.conditions import Conditions, WeakMotor
+from climbplan.simulation.conditions import Conditions, FrictionLoss, WeakMotor
 from climbplan.simulation.motors import compute_max_torque
 
 Planned = Callable[..., ClimbPlan]
@@ -50,7 +51,8 @@ _TOUCH = 8.0  # [N] of a toe that has met its surface
 class IdealRobot:
     """A robot whose body is where it is planned and whose toes bear what they are to bear.
 
-    A toe in the air touches once its command presses it onto its surface with `_TOUCH`.
+    A toe in the air touches once its command presses it with `_TOUCH` onto the surface that it
+    goes to or has left.
     """
 
     def __init__(self, plan: ClimbPlan, executive: ClimbExecutive, depth: Array) -> None:
@@ -84,11 +86,15 @@ class IdealRobot:
         jacobian = jacobian_world(plan.robot, plan.trajectory.rpy[sample], executive.command)
         softness = limb_compliance(plan.robot, jacobian)  # walls face along x
         for limb in np.flatnonzero(~contact):
-            landing = sample + int(np.argmax(plan.trajectory.contact[sample:, limb]))
-            normal, place = schedule.normal[landing, limb], schedule.path[landing, limb]
-            if (place - toes[limb]) @ normal >= self.depth[limb] + _TOUCH * softness[limb, 0, 0]:
+            contacts = plan.trajectory.contact[:, limb]
+            landing = sample + int(np.argmax(contacts[sample:]))
+            left = int(np.flatnonzero(contacts[:sample])[-1])
+            returns = any(event.kind == "retreated" for event in executive.events)
+            stands, depth = (left, 0.0) if returns else (landing, self.depth[limb])
+            normal, place = schedule.normal[stands, limb], schedule.path[stands, limb]
+            if (place - toes[limb]) @ normal >= depth + _TOUCH * softness[limb, 0, 0]:
                 force[limb] = _TOUCH * normal
-                self.places[limb] = place - self.depth[limb] * normal
+                self.places[limb] = place - depth * normal
         executive.step(_STEP, *self.read(sample, force))
 
 
@@ -158,9 +164,14 @@ def test_a_robot_stops_where_a_toe_finds_no_surface(planned: Planned) -> None:
     while not executive.finished:
         assert executive.time < 20.0
         robot.step()
-    name = plan.robot.limb_names[int(np.flatnonzero(plan.instants.lifted[0])[0])]
+    limb = int(np.flatnonzero(plan.instants.lifted[0])[0])
+    name = plan.robot.limb_names[limb]
     assert executive.stopped == f"{name} finds no surface within 30 mm"
+    # It stands again where it stood before
+    assert [event.kind for event in executive.events][-4:-2] == ["retreated", "touched"]
+    np.testing.assert_allclose(executive.contacts.pose.places, plan.rounds.toes[0], atol=5e-3)
     clock = executive.clock
+    assert plan.trajectory.contact[: executive.sample + 1].all()
     robot.step()
     assert executive.clock == clock  # it holds where it is
 
@@ -197,6 +208,72 @@ def test_a_robot_stops_once_a_toe_has_slid_off_its_foothold(planned: Planned) ->
     name = plan.robot.limb_names[limb]  # the estimate of the pose takes a part of 60 mm
     assert re.fullmatch(rf"{name} has slid 5\d mm off its foothold", executive.stopped)
     assert not any(event.kind == "touched" for event in executive.events)
+
+
+def _stop_after_slide(plan: ClimbPlan, limb: int) -> ClimbExecutive:
+    """Return an executive that has stopped, as a toe slid 60 mm down its wall."""
+    executive = ClimbExecutive(plan)
+    robot = IdealRobot(plan, executive, np.zeros(plan.robot.limb_count))
+    robot.step()
+    for _ in range(10):
+        robot.places[limb, 2] -= 6e-3
+        robot.step()
+    while not executive.finished:
+        robot.step()
+        assert executive.time < 20.0
+    return executive
+
+
+def test_a_climb_goes_on_by_a_plan_from_where_a_toe_has_slid_to(planned: Planned) -> None:
+    plan = planned()
+    limb = (int(np.flatnonzero(plan.instants.lifted[0])[0]) + 3) % plan.robot.limb_count
+    stopped = _stop_after_slide(plan, limb)
+    following = stopped.replan()
+    assert verify_plan(following.plan).passed
+    np.testing.assert_allclose(following.plan.rounds.com[0], stopped.contacts.pose.com, atol=1e-12)
+    np.testing.assert_allclose(
+        following.plan.rounds.toes[0], stopped.contacts.pose.places, atol=1e-3
+    )
+    np.testing.assert_array_equal(following.plan.limits.goal_com, plan.limits.goal_com)
+    assert following.plan.instants.lifted[0, limb]  # what has slid moves first
+    # It begins with the commands that hold the robot, and fades them out
+    np.testing.assert_allclose(following.motor_command, stopped.motor_command, atol=1e-12)
+    robot = IdealRobot(following.plan, following, np.zeros(plan.robot.limb_count))
+    while not any(event.kind == "touched" for event in following.events):
+        robot.step()
+        assert following.time < 20.0
+        assert not following.stopped
+
+
+def test_a_stance_with_less_friction_is_planned_with_it(planned: Planned) -> None:
+    plan = planned()
+    stopped = _stop_after_slide(plan, 0)
+    region = int(plan.rounds.region[0, 0])
+    stopped.contacts.friction[region] = 0.8
+    found = stopped.replan().plan
+    assert found.terrain.surfaces[region].friction == pytest.approx(
+        0.8 * plan.terrain.surfaces[region].friction
+    )
+
+
+@pytest.mark.merge
+def test_there_is_no_plan_from_a_stance_on_ice(planned: Planned) -> None:
+    stopped = _stop_after_slide(planned(), 0)
+    stopped.contacts.friction[:] = 0.05
+    with pytest.raises(Unresolved, match="no plan from the measured stance"):
+        stopped.replan()
+
+
+def test_plans_begin_on_all_toes(planned: Planned) -> None:
+    plan = planned()
+    executive = ClimbExecutive(plan)
+    robot = IdealRobot(plan, executive, np.zeros(plan.robot.limb_count))
+    while plan.trajectory.contact[executive.sample].all():
+        robot.step()
+    for _ in range(50):  # until the limb has left
+        robot.step()
+    with pytest.raises(UsageError, match="is in the air: a plan begins on all toes"):
+        executive.replan()
 
 
 def test_motors_are_told_to_carry_their_links_too(planned: Planned) -> None:
@@ -351,3 +428,25 @@ def test_a_climb_in_closed_loop_is_the_same_again(planned: Planned) -> None:
     assert again.execution is not None
     assert first.execution.events == again.execution.events
     np.testing.assert_array_equal(first.com, again.com)
+
+
+@pytest.mark.merge
+def test_a_climb_goes_on_by_another_plan_after_a_toe_has_slid(planned: Planned) -> None:
+    plan = planned()
+    slide = Conditions(closed_loop=True, losses=(FrictionLoss(1, 5.0, 0.15),))
+    run, held = simulate(plan, slide), simulate(plan, replace(slide, max_replans=0))
+    assert run.execution is not None
+    assert held.execution is not None
+    assert not run.fallen
+    assert run.execution.stopped == ""
+    (replan,) = run.execution.replans
+    assert replan.reason == held.execution.stopped
+    assert "off its foothold" in replan.reason
+    assert run.execution.duration == pytest.approx(held.execution.duration + replan.duration)
+    np.testing.assert_array_equal(run.com, held.com)
+    assert run.execution.events[: len(held.execution.events)] == held.execution.events
+    times = [event.time for event in run.execution.events]
+    assert times == sorted(times)
+    again = simulate(plan, slide)
+    assert again.execution is not None
+    assert again.execution.events == run.execution.events

@@ -280,7 +280,8 @@ def _assemble_plan(
         ),
         notes=(*motion.posture.notes, *motion.tightenings),
         grips=grips,
-        robot_texts=collect_robot_texts(spec.robot, loaded.directory, loaded.robot),
+        robot_texts=loaded.robot_texts
+        or collect_robot_texts(spec.robot, loaded.directory, loaded.robot),
         looks=load_visual_geometry(loaded.robot, scene.robot),
     )
 

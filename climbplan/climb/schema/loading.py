@@ -15,6 +15,7 @@ from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_
 from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.robots.named import load_robot_of_document, validate_part
 from climbplan.schema.robots.source import AnyRobot
+from climbplan.schema.robots.stored import NotKept, RobotTexts, build_stored_robot
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.terrain.terrain import TerrainSpec
 from climbplan.schema.yaml_source import parse_yaml
@@ -26,6 +27,7 @@ class LoadedClimb(LoadedSpec):
 
     spec: ClimbSpec
     robot: AnyRobot
+    robot_texts: RobotTexts | None = None  # of a plan, which the robot is from; None: from files
 
     def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedClimb:
         """Return the same climb with other values, for example those of a point of a study.
@@ -34,7 +36,7 @@ class LoadedClimb(LoadedSpec):
             SpecError: Lists every mistake that the overrides cause.
         """
         text = SourceText(self.source, self.name, self.directory, self.text)
-        return build_climb(apply_overrides(self.document, overrides), text)
+        return build_climb(apply_overrides(self.document, overrides), text, self.robot_texts)
 
 
 def load_climb(
@@ -73,21 +75,53 @@ def _load(text: SourceText, overrides: Sequence[str | Override]) -> LoadedClimb:
     return build_climb(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
 
 
-def build_climb(document: Document, text: SourceText) -> LoadedClimb:
+def load_planned_climb(
+    text: str, name: str, robot_texts: RobotTexts, overrides: Sequence[str | Override] = ()
+) -> LoadedClimb:
+    """Check the spec of a plan, with the robot files that the plan carries.
+
+    Args:
+        text: The spec that the plan carries.
+        name: Of the plan.
+        robot_texts: Robot files that it carries.
+        overrides: Values of dotted keys.
+
+    Raises:
+        NotKept: The plan does not carry its robot, or not the meshes that it depends on.
+        SpecError: Lists every mistake.
+    """
+    document = apply_overrides(parse_yaml(text, name), overrides)
+    return build_climb(document, SourceText(name, name, Path.cwd(), text), robot_texts)
+
+
+def build_climb(
+    document: Document, text: SourceText, robot_texts: RobotTexts | None = None
+) -> LoadedClimb:
     """Build the loaded climb of a document.
 
     Raises:
         SpecError: Lists every mistake in it.
+        NotKept: There are robot texts that are not the whole robot.
     """
-    spec, robot = _validate_climb(document, text)
-    return LoadedClimb(spec=spec, robot=robot, **describe_origin(document, text))
+    spec, robot = _validate_climb(document, text, robot_texts)
+    origin = describe_origin(document, text)
+    return LoadedClimb(spec=spec, robot=robot, robot_texts=robot_texts, **origin)
 
 
-def _validate_climb(document: Document, text: SourceText) -> tuple[ClimbSpec, AnyRobot]:
+def _validate_climb(
+    document: Document, text: SourceText, robot_texts: RobotTexts | None
+) -> tuple[ClimbSpec, AnyRobot]:
     """Return spec and robot of a document, or raise SpecError with all mistakes."""
     resolve_option_paths(document, [("task", "start", "plan"), ("terrain", "scan", "file")])
     spec, findings = validate_kind(document, "climb", ClimbSpec)
-    robot, robot_mistakes = load_robot_of_document(document, text.directory)
+    robot: AnyRobot | None
+    if robot_texts is None:
+        robot, robot_mistakes = load_robot_of_document(document, text.directory)
+    else:
+        stored = build_stored_robot(document, robot_texts)
+        if stored.unknown:
+            raise NotKept(f"the plan does not carry the meshes that tell {stored.unknown[0]}")
+        robot, robot_mistakes = stored.robot, []
     findings += check_parts(_collect_valid_parts(document, robot))
     if spec is not None:
         findings += check_study(spec)

@@ -2,7 +2,8 @@
 
 Joint encoders have the noise and backlash of the conditions, motor torques an error of scale for
 each motor and noise. The delay of the conditions holds for all that the executive reads. A robot
-that stops before the end has to hold itself for some time.
+that stops before the end has to hold itself for some time. It then goes on by a plan from where it
+stands, if there is one.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
@@ -26,7 +28,9 @@ from climbplan.climb.simulation.mujoco_run import (
     ExecutionRecord,
     MujocoRun,
     RecordedRun,
+    Replan,
 )
+from climbplan.errors import NoPlanFound, UsageError
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import Conditions
 from climbplan.simulation.measures import FALLEN, TUMBLED, compute_tilt
@@ -44,6 +48,8 @@ class ClosedLoopRun(MujocoRun):
     ) -> None:
         super().__init__(mujoco, model, data, plan, conditions)
         self.executive = ClimbExecutive(plan, self.start.toes)
+        self._start_clock, self._start_time = 0.0, 0.0  # [s] of plans before this one
+        self._settling_time = SETTLING_TIME
         # What a robot adds to commands: what carries its links, and errors of its footholds
         self._added = self.command - plan.trajectory.joint_command
         shape = plan.robot.limb_count, plan.robot.joint_count
@@ -63,14 +69,23 @@ class ClosedLoopRun(MujocoRun):
         rests: bool,
     ) -> RecordedRun:
         """Execute the plan to its end, a stop or a fall; see `MujocoRun.play`."""
-        executive, trajectory = self.executive, self.plan.trajectory
         self._place()
-        executive.pause(SETTLING_TIME)
+        self.executive.pause(SETTLING_TIME)
+        self.data.ctrl[: self.joints] = (self._added[0] + self.executive.command).ravel()
+        return self._execute(progress, watch, rests)
+
+    def _execute(
+        self,
+        progress: Callable[[float], None] | None,
+        watch: Callable[[int, Any, Any], None] | None,
+        rests: bool,
+    ) -> RecordedRun:
+        """Execute the plan from where the robot stands, and plans made anew after it."""
+        executive, trajectory = self.executive, self.plan.trajectory
         wrench = self._compute_loads()
         planned = rotation_world_body(trajectory.rpy)
         instant_samples = find_instant_samples(self.plan)
         rest_positions = np.full((len(instant_samples), 1 + self.plan.robot.limb_count, 3), np.nan)
-        self.data.ctrl[: self.joints] = (self._added[0] + executive.command).ravel()
         fallen, remaining_time = False, 0.0
         while not fallen and (not executive.finished or (executive.stopped and remaining_time > 0)):
             before = executive.sample
@@ -92,7 +107,57 @@ class ClosedLoopRun(MujocoRun):
             attitude = self.data.xmat[self.body].reshape(3, 3)
             fallen = bool(is_low or compute_tilt(attitude, planned[sample]) > TUMBLED)
         self._record(executive.sample)
-        return self._build_run(fallen, rest_positions)
+        run = self._build_run(fallen, rest_positions)
+        if fallen or not executive.stopped or self.conditions.max_replans < 1:
+            return run
+        return self._go_on(run, watch)
+
+    def _go_on(
+        self, run: RecordedRun, watch: Callable[[int, Any, Any], None] | None
+    ) -> RecordedRun:
+        """Go on by a plan from the measured stance, if there is one; return the whole run."""
+        begin = time.process_time()
+        try:
+            executive = self.executive.replan()
+        except (NoPlanFound, UsageError) as reason:
+            stopped = f"{self.executive.stopped}; {str(reason).splitlines()[0]}"
+            assert run.execution is not None
+            return replace(run, execution=replace(run.execution, stopped=stopped))
+        planning_time = time.process_time() - begin
+        conditions = replace(self.conditions, max_replans=self.conditions.max_replans - 1)
+        second_run = ClosedLoopRun(self.mujoco, self.model, self.data, executive.plan, conditions)
+        second_run._take_over(self, executive)
+        later = second_run._execute(
+            None, None if watch is None else _map_samples(watch, self, second_run), False
+        )
+        first, following = run.execution, later.execution
+        assert first is not None
+        assert following is not None
+        start = self.executive.time
+        events = tuple(event._replace(time=event.time + start) for event in following.events)
+        replan = Replan(
+            executive.plan, self.executive.stopped, planning_time, float(following.elapsed[-1])
+        )
+        joined = replace(
+            first,
+            events=first.events + events,
+            stopped=following.stopped,
+            step_times=np.concatenate([first.step_times, following.step_times]),
+            replans=(replan, *following.replans),
+        )
+        return replace(run, fallen=later.fallen, execution=joined)
+
+    def _take_over(self, before: ClosedLoopRun, executive: ClimbExecutive) -> None:
+        """Go on with an executive where another run has stopped."""
+        self.executive = executive
+        self._start_clock = before._start_clock + before.executive.clock
+        self._start_time = before._start_time + before.executive.time
+        self._settling_time = 0.0
+        self._loss_begins = before._loss_begins
+        # What the robot adds beyond what the executive knows: errors of its footholds
+        unknown = self._added[0] - (executive.motor_command - executive.command)
+        command = self.data.ctrl[: self.joints].reshape(unknown.shape)
+        executive.take_over(command - unknown, before.executive.contacts.force)
 
     def _step(self, wrench: Array) -> None:
         """Let the executive read sensors and command motors once, and simulate its period."""
@@ -110,10 +175,11 @@ class ClosedLoopRun(MujocoRun):
     def _lose_friction(self) -> None:
         """Remove friction of toes: losses begin by the plan's clock and last by the robot's."""
         for number, loss in enumerate(self.conditions.losses):
-            if self.executive.clock >= loss.start:
-                self._loss_begins.setdefault(number, self.executive.time)
+            now = self._start_time + self.executive.time
+            if self._start_clock + self.executive.clock >= loss.start:
+                self._loss_begins.setdefault(number, now)
             if number in self._loss_begins:
-                elapsed = self.executive.time - self._loss_begins[number]
+                elapsed = now - self._loss_begins[number]
                 self._set_slippery(loss.limb, elapsed < loss.duration)
 
     def _read_sensors(self) -> tuple[Array, Array]:
@@ -130,7 +196,7 @@ class ClosedLoopRun(MujocoRun):
     def _record(self, sample: int) -> None:
         """Record the present state as that of a sample, and of samples skipped before it."""
         del self._rows[sample:]
-        elapsed = max(self.executive.time - SETTLING_TIME, 0.0)
+        elapsed = max(self.executive.time - self._settling_time, 0.0)
         row = self._record_sample(sample) | {"elapsed": elapsed}
         self._rows += [row] * (sample + 1 - len(self._rows))
 
@@ -152,3 +218,16 @@ class ClosedLoopRun(MujocoRun):
             execution=execution,
             **stacked,
         )
+
+
+def _map_samples(
+    watch: Callable[[int, Any, Any], None], before: ClosedLoopRun, after: ClosedLoopRun
+) -> Callable[[int, Any, Any], None]:
+    """Return `watch` for another plan, whose samples take the place of those that were left."""
+    missing = len(before.plan.trajectory.time) - 1 - before.executive.sample
+    last = len(after.plan.trajectory.time) - 1
+
+    def watch_rest(sample: int, model: Any, data: Any) -> None:
+        watch(before.executive.sample + round(missing * sample / last), model, data)
+
+    return watch_rest

@@ -48,6 +48,16 @@ CONTROL_PERIOD = 0.01  # [s] between new commands to the motors
 
 
 @dataclass(frozen=True)
+class Replan:
+    """A plan from a measured stance that a robot went on by, after it had stopped."""
+
+    plan: ClimbPlan
+    reason: str  # why the robot had stopped
+    planning_time: float  # computing time [s], in which the robot stood
+    duration: float  # of its execution [s]
+
+
+@dataclass(frozen=True)
 class ExecutionRecord:
     """A closed-loop execution."""
 
@@ -55,16 +65,21 @@ class ExecutionRecord:
     stopped: str  # why the robot stopped before the end, if it did
     elapsed: Array  # (S,) since the motion started, at each sample [s]
     step_times: Array  # computing times of steps [s]
+    replans: tuple[Replan, ...] = ()
 
     @property
     def duration(self) -> float:
-        """Time from the start to the end, or to the stop or fall [s]."""
-        return float(self.elapsed[-1])
+        """Time from the start to the end, or to the stop or fall, without that of planning [s]."""
+        return float(self.elapsed[-1]) + sum(replan.duration for replan in self.replans)
 
 
 @dataclass(frozen=True)
 class RecordedRun:
-    """A recorded simulation, at the S of T samples of the trajectory up to its end or a fall."""
+    """A recorded simulation, at the S of T samples of the trajectory up to its end or a fall.
+
+    Where a robot goes on by another plan, samples are those up to then, and `fallen` and
+    `execution` tell the whole.
+    """
 
     conditions: Conditions
     time: Array  # (S,) of the plan [s]
@@ -82,7 +97,7 @@ class RecordedRun:
     rest_com: Array  # (K, 3) body at each instant if commands stayed there, NaN if not reached [m]
     rest_toes: Array  # (K, N, 3) toes likewise [m]
     grips: GripReport | None = None  # of robots with grippers
-    execution: ExecutionRecord | None = None  # of closed-loop runs
+    execution: ExecutionRecord | None = None  # of closed-loop runs, plans made anew included
 
     @property
     def samples(self) -> int:

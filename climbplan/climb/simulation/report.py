@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import io
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
+from climbplan.climb.plan.file import write_climb
 from climbplan.climb.simulation.comparison import MIN_SAG, PlanComparison
 from climbplan.climb.simulation.executive.settings import describe_event
 from climbplan.climb.simulation.figures import plot_falls, plot_leg, plot_sag
@@ -41,6 +44,7 @@ UNITS = {
     "final_offset": "m", "grips.missed": "m", "grips.let_go.time": "s",
     "slips.time": "s", "slips.distance": "m", "lost_contacts.time": "s",
     "lost_contacts.duration": "s", "execution.duration": "s", "execution.step_time.*": "s",
+    "execution.replans.planning_time": "s", "execution.replans.duration": "s",
     "execution.events.time": "s", "execution.events.clock": "s", "conditions.payload": "kg",
     "conditions.backlash": "rad", "conditions.armature_value": "kg m^2",
     "conditions.damping_value": "N m s/rad",
@@ -63,9 +67,19 @@ def build_report(study: SimulationStudy) -> SimulationRecord:
         cards=_build_cards(study),
         events=_list_events(study),
         notes=_select_notes(study),
+        plans=_collect_replans(study.run.execution),
         worlds="" if study.risk is None else study.risk.stands,
         worst=None if study.worst is None else (_describe_worst(study.worst), study.worst.film),
     )
+
+
+def _collect_replans(execution: ExecutionRecord | None) -> dict[str, Callable[[Path], None]]:
+    """Return what writes the plans that a robot went on by, by file name."""
+    replans = () if execution is None else execution.replans
+    return {
+        _name_replan(number): partial(write_climb, replan.plan)
+        for number, replan in enumerate(replans, 1)
+    }
 
 
 def _describe_worst(worst: WorstWorld) -> str:
@@ -177,7 +191,7 @@ def _list_events(study: SimulationStudy) -> list[tuple[str, str]]:
         events += [
             (event.clock, describe_event(event, names))
             for event in study.run.execution.events
-            if event.kind in ("returned", "stopped")
+            if event.kind in ("returned", "retreated", "stopped")
         ]
     if study.run.fallen:
         events.append((float(study.run.time[-1]), "the robot falls"))
@@ -276,11 +290,26 @@ def _build_worst_dict(worst: WorstWorld) -> dict[str, Any]:
     }
 
 
+def _name_replan(number: int) -> str:
+    """Return the file of a plan from a measured stance."""
+    return f"replanned_{number}.h5"
+
+
 def _build_execution_dict(execution: ExecutionRecord, names: Sequence[str]) -> dict[str, Any]:
     return {
         "stopped": execution.stopped,
         "duration": execution.duration,
         "step_time": summarise_values(execution.step_times),
+        "replans": [
+            {
+                "reason": replan.reason,
+                "planning_time": replan.planning_time,
+                "duration": replan.duration,
+                "rounds": replan.plan.rounds.count,
+                "plan": _name_replan(number),
+            }
+            for number, replan in enumerate(execution.replans, 1)
+        ],
         "events": [
             {
                 "time": event.time,

@@ -162,6 +162,8 @@ def format_headline(study: SimulationStudy) -> str:
     end_text = f"falls at {run.time[-1]:.1f} s" if run.fallen else "no fall"
     if run.execution is not None:
         end_text += f" in closed loop, {run.execution.duration:.1f} s"
+        for replan in run.execution.replans:
+            end_text += f", {replan.reason}, goes on by a plan from there"
         if run.execution.stopped:
             end_text += f", stops at {run.time[-1]:.1f} s: {run.execution.stopped}"
     error = comparison.torque_error

@@ -15,7 +15,9 @@ as the plan says:
   solved again for the friction that was seen. A toe that has slid far ends the climb.
 
 Where there is no way on, the robot stops with all its toes that can be on their surfaces, and says
-why. Joint commands are the plan's at the clock, plus the regulator's corrections
+why. From a stance on all toes the rest of the climb can then be planned anew (`replanning.py`).
+
+Joint commands are the plan's at the clock, plus the regulator's corrections
 (`control/joint_regulator.py`), plus what presses with the solved forces instead of the planned.
 """
 
@@ -36,7 +38,7 @@ from climbplan.climb.simulation.executive.settings import (
     ExecutiveSettings,
 )
 from climbplan.climb.simulation.executive.stance_forces import StanceSolution, solve_stance_forces
-from climbplan.control.joint_regulator import Corrections
+from climbplan.control.joint_regulator import DECAY_RATE, Corrections
 from climbplan.errors import UsageError
 from climbplan.mechanics.stiffness import joint_softness
 from climbplan.simulation.conditions import NOMINAL
@@ -96,6 +98,7 @@ class ClimbExecutive:
         self._next_gate = 0
         self._waited, self._pause = 0.0, 0.0  # [s] at the gate; to wait wherever the clock is
         self._is_returning = False
+        self._retreat = ""  # why limbs return to stay there, if they do
         self._returns: dict[int, int] = {}  # by gate
         self._touched = np.ones(n, bool)  # on their surfaces
         self._landed = np.zeros(n, bool)  # since their last swing, before the plan says so
@@ -104,6 +107,8 @@ class ClimbExecutive:
         self._stance = START  # instant whose forces are sought
         self._force_before, self._force_after = self._schedule.force[[0, 0]].copy()
         self._blend, self._blend_time = 1.0, 1.0
+        self._before = np.zeros_like(self._tables.command[0])  # commands before less these [rad]
+        self._handover = 0.0  # fraction of these that is left
         start = self._solve_forces(START)
         if start is not None:  # otherwise as planned
             self._change_forces(start.force, 0.0)
@@ -111,9 +116,62 @@ class ClimbExecutive:
         self.command = self._compute_command(0, 0.0, 0.0)
 
     @property
+    def plan(self) -> ClimbPlan:
+        """Return the plan in execution."""
+        return self._plan
+
+    @property
     def finished(self) -> bool:
         """Return whether the plan has ended, or the robot has stopped."""
         return bool(self.stopped) or self.clock >= self._schedule.time[-1]
+
+    def replan(self) -> ClimbExecutive:
+        """Return the executive of a plan from the measured stance to the same goal.
+
+        It begins with the commands that hold the robot now. Planning takes seconds: go on with
+        `step`, or with constant commands, until then.
+
+        Raises:
+            UsageError: A limb is in the air, the plan is no climb, or it does not carry what its
+                spec names.
+            Unresolved: No plan was found that passes its verification.
+        """
+        from climbplan.climb.simulation.executive.replanning import MeasuredStance, replan_climb
+
+        if not self._touched.all():
+            name = self._plan.robot.limb_names[int(np.argmin(self._touched))]
+            raise UsageError(f"{name} is in the air: a plan begins on all toes")
+        schedule, contacts = self._schedule, self.contacts
+        lifts = [g for g in schedule.gates[self._next_gate :] if g.kind == "lift"]
+        if not lifts:
+            raise UsageError("no limb is left to move: the plan is at its end")
+        stance = MeasuredStance(
+            com=contacts.pose.com.copy(),
+            rotation=contacts.pose.rotation.copy(),
+            toes=contacts.pose.places.copy(),
+            friction=contacts.friction.copy(),
+            load=contacts.load.copy(),
+            instant=int(schedule.instant[self.sample]),
+            next_instant=int(schedule.instant[lifts[0].sample]),
+        )
+        following = ClimbExecutive(replan_climb(self._plan, stance), stance.toes, self._settings)
+        following.take_over(self.motor_command, contacts.force)
+        return following
+
+    def take_over(self, motor_command: Array, force: Array) -> None:
+        """Begin with other commands than the plan's, which hold the robot, and fade them out.
+
+        Args:
+            motor_command: (N, J) in the sense of `motor_command` [rad].
+            force: (N, 3) on the toes [N].
+        """
+        self.contacts.force[:] = force
+        self._change_forces(self._force_after, self._settings.pause)
+        self._force_before = force.copy()
+        self._before = motor_command - self._carrying[0] - self._compute_command(0, 0.0, 0.0)
+        self._handover = 1.0
+        self.command = motor_command - self._carrying[0]
+        self.pause(2.0 * self._settings.pause)
 
     def pause(self, seconds: float) -> None:
         """Let the clock stand for a time [s], as at the start, until the robot is at rest."""
@@ -157,7 +215,9 @@ class ClimbExecutive:
         index, fraction = self._schedule.locate(self.clock)
         after = min(index + 1, len(self._schedule.time) - 1)
         self.contacts.measure_pose(index, after if fraction > 0 else index, angles, self._touched)
+        self._handover = max(self._handover - seconds / self._settings.pause, 0.0)
         self.command = self._compute_command(index, fraction, seconds)
+        self.command += self._handover * self._before
         return self.command
 
     def _compute_command(self, index: int, fraction: float, seconds: float) -> Array:
@@ -211,7 +271,7 @@ class ClimbExecutive:
                 gate_time -= _BEFORE_TOUCH
             if target < gate_time:
                 break
-            if gate.kind == "unload" or (gate.kind == "lift" and not self.find_objection(gate)):
+            if gate.kind == "unload" or (gate.kind == "lift" and not self._find_objection(gate)):
                 self._pass_gate(gate)
                 if self.stopped:
                     return
@@ -259,17 +319,23 @@ class ClimbExecutive:
                 if -(self._search[limb] + deflection) @ normal > settings.search_range:
                     name = self._plan.robot.limb_names[limb]
                     distance = 1e3 * settings.search_range
-                    self._stop(int(limb), f"{name} finds no surface within {distance:.0f} mm")
+                    self._retreat = f"{name} finds no surface within {distance:.0f} mm"
+                    self._is_returning = True
+                    self._note_event("retreated", int(limb), settings.search_range)
                     return
                 self._search[limb] -= settings.search_speed * seconds * normal
             return
         if self._waited > settings.patience:
-            self._stop(int(gate.limbs[0]), f"no limb can lift: {self.find_objection(gate)}")
+            self._stop(int(gate.limbs[0]), f"no limb can lift: {self._find_objection(gate)}")
             return
         for limb in gate.limbs:
-            if np.linalg.norm(self.contacts.force[limb]) > self._unloaded_force:
+            if not self.contacts.is_unloaded(int(limb)):
                 step = settings.retraction_speed * seconds
                 self._search[limb] += step * schedule.left_normal[gate.sample, limb]
+
+    def _find_objection(self, gate: Gate) -> str:
+        """Return why the limbs of a gate must not lift now; "" if they may."""
+        return self.contacts.find_objection(gate, np.flatnonzero(self._touched))
 
     def _stop(self, limb: int, reason: str) -> None:
         self.stopped = reason
@@ -341,6 +407,7 @@ class ClimbExecutive:
         lift_time = float(schedule.time[lift.sample])
         self.clock = max(self.clock - settings.return_speed * seconds, lift_time)
         if self.clock > lift_time + _RETURN_WINDOW:
+            self._search[lift.limbs] *= max(0.0, 1.0 - DECAY_RATE * seconds)
             return
         index, fraction = schedule.locate(self.clock)
         for limb in lift.limbs[~self._touched[lift.limbs]]:
@@ -353,6 +420,8 @@ class ClimbExecutive:
             return
         self._is_returning = False
         self._restart_unloading(self._next_gate - 2)
+        if self._retreat and not self.stopped:
+            self._stop(int(lift.limbs[0]), self._retreat)
 
     def _restart_unloading(self, number: int) -> None:
         """Let limbs that return take their load again, before the gate of their unloading."""
@@ -416,28 +485,3 @@ class ClimbExecutive:
             elif shows_less:
                 self._seek_forces(self._stance, self._settings.blend_time)
                 self._pause = self._settings.blend_time
-
-    # Lifts
-
-    @property
-    def _unloaded_force(self) -> float:
-        return self._settings.unloaded_force * self.contacts.weight
-
-    def find_objection(self, gate: Gate) -> str:
-        """Return why the limbs of a gate must not lift now; "" if they may."""
-        settings, schedule, contacts = self._settings, self._schedule, self.contacts
-        names = self._plan.robot.limb_names
-        for limb in gate.limbs:
-            carried = float(np.linalg.norm(contacts.force[limb]))
-            if carried > self._unloaded_force:
-                return f"{names[limb]} still carries {carried:.0f} N"
-        for limb in np.flatnonzero(self._touched):
-            if limb in gate.limbs:
-                continue
-            pressure, shear = contacts.split_force(int(limb), schedule.normal[gate.sample, limb])
-            mu = float(schedule.mu[gate.sample, limb])
-            if pressure < settings.min_pressure * contacts.weight:
-                return f"{names[limb]} presses with {pressure:.0f} N"
-            if shear > settings.friction_use * mu * pressure:
-                return f"{names[limb]} is near slipping, shear {shear:.0f} of {pressure:.0f} N"
-        return ""

@@ -9,9 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from climbplan.arrays import Array, BoolArray
+from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.climb.simulation.executive.schedule import MotionSchedule
+from climbplan.climb.simulation.executive.schedule import Gate, MotionSchedule
 from climbplan.climb.simulation.executive.settings import ExecutiveSettings
 from climbplan.control.joint_regulator import BodyPoseEstimate, RegulatorTables, build_chains
 from climbplan.mechanics.stiffness import joint_softness
@@ -110,3 +110,28 @@ class MeasuredContacts:
         ratio = _SLIDING_FRACTION * shear / (pressure * float(self._schedule.mu[index, limb]))
         self.friction[region] = np.clip(ratio, _LARGEST_LOSS * before, _SLIDING_FRACTION * before)
         return True
+
+    def is_unloaded(self, limb: int) -> bool:
+        """Return whether a limb bears so little that it may lift."""
+        force = float(np.linalg.norm(self.force[limb]))
+        return force <= self._settings.unloaded_force * self.weight
+
+    def find_objection(self, gate: Gate, standing: IntArray) -> str:
+        """Return why the limbs of a gate must not lift now; "" if they may.
+
+        standing: Limbs on their surfaces, those of the gate among them.
+        """
+        settings, schedule, names = self._settings, self._schedule, self._plan.robot.limb_names
+        for limb in gate.limbs:
+            if not self.is_unloaded(int(limb)):
+                return f"{names[limb]} still carries {np.linalg.norm(self.force[limb]):.0f} N"
+        for limb in standing:
+            if limb in gate.limbs:
+                continue
+            pressure, shear = self.split_force(int(limb), schedule.normal[gate.sample, limb])
+            mu = float(schedule.mu[gate.sample, limb])
+            if pressure < settings.min_pressure * self.weight:
+                return f"{names[limb]} presses with {pressure:.0f} N"
+            if shear > settings.friction_use * mu * pressure:
+                return f"{names[limb]} is near slipping, shear {shear:.0f} of {pressure:.0f} N"
+        return ""

@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 from climbplan.errors import UsageError
 
-EventKind = Literal["touched", "waited", "forces", "slipped", "returned", "stopped"]
+EventKind = Literal["touched", "waited", "forces", "slipped", "returned", "retreated", "stopped"]
 
 
 @dataclass(frozen=True)
@@ -64,5 +64,6 @@ def describe_event(event: ExecutiveEvent, names: Sequence[str]) -> str:
         "forces": f"forces are solved again, with {event.value:.0%} of their margins",
         "slipped": f"{limb} slips by {1e3 * event.value:.0f} mm",
         "returned": f"{limb} returns to where it stood, as a toe slips",
+        "retreated": f"{limb} finds no surface and returns to where it stood",
         "stopped": "the robot stops",
     }[event.kind]

@@ -1,0 +1,162 @@
+"""Plan the rest of a climb anew, from the stance that a robot in execution has measured.
+
+Where toes have slid off their footholds, or a surface has less friction than planned, the plan in
+execution no longer describes the robot. The planner is asked for another one with the same goal:
+it starts from the measured stance, on the friction and with the load that were measured. A limb
+that has slid moves first. What it finds is verified like every plan.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from climbplan.arrays import Array
+from climbplan.climb.check.verification import verify_plan
+from climbplan.climb.plan.climb_plan import ClimbPlan
+from climbplan.climb.planner.planner import plan_climb
+from climbplan.climb.scene.climb_scene import compute_stated_toes
+from climbplan.climb.schema.loading import LoadedClimb, load_planned_climb
+from climbplan.climb.schema.model import ClimbSpec
+from climbplan.errors import NoPlanFound, SpecError, Unresolved, UsageError
+from climbplan.schema.overrides import Override
+from climbplan.schema.robots.stored import NotKept
+
+_MIN_SLIDE = 0.01  # [m] from which on a toe is off its foothold, so that it moves first
+_MIN_LOAD = 0.05  # of the robot's weight, from which on an unknown load is planned with
+_SAFETY_FRICTION = 1.3  # most that is asked for on friction that slips have shown
+_OPTION = "measured stance"
+
+
+@dataclass(frozen=True)
+class MeasuredStance:
+    """A stance on all N toes, as a robot in execution has measured it; R surfaces."""
+
+    com: Array  # (3,) body origin [m]
+    rotation: Array  # (3, 3) body to world
+    toes: Array  # (N, 3) [m]
+    friction: Array  # (R,) factors on the planned coefficients
+    load: Array  # (6,) beside the planned one, about the body's origin [N, N m]
+    instant: int  # of the plan in execution
+    next_instant: int  # at which the limb is lifted that is to move next
+
+
+def replan_climb(plan: ClimbPlan, stance: MeasuredStance) -> ClimbPlan:
+    """Plan the rest of a climb anew, from a measured stance.
+
+    Args:
+        plan: The plan in execution.
+        stance: What was measured.
+
+    Returns:
+        A verified plan, whose spec states what was measured.
+
+    Raises:
+        UsageError: The plan is no climb limb by limb, or does not carry what its spec names.
+        Unresolved: None of the orders of limbs and numbers of rounds that were tried has a
+            verified plan.
+    """
+    if plan.kind != "climb":
+        raise UsageError(f"{plan.name} is a {plan.kind}: only climbs are planned anew")
+    reasons: list[str] = []
+    try:
+        measured = load_planned_climb(
+            plan.spec_text, plan.name, plan.robot_texts, _state_stance(plan, stance)
+        )
+    except (NotKept, SpecError) as error:
+        raise UsageError(f"{plan.name} cannot be planned anew: {error}") from error
+    for gait, rounds in _list_attempts(plan, stance):
+        overrides = [Override.of("task.gait", gait, _OPTION)]
+        if measured.spec.task.rounds != "auto":
+            overrides.append(Override.of("task.rounds", rounds, _OPTION))
+        replanned, reason = _try_plan(measured.with_overrides(overrides))
+        if replanned is not None:
+            return replanned
+        reasons.append(reason)
+    tried = f"{len(reasons)} combinations of an order of limbs and a number of rounds were tried"
+    raise Unresolved(f"no plan from the measured stance: {reasons[0]}", because=tried)
+
+
+def _try_plan(loaded: LoadedClimb) -> tuple[ClimbPlan | None, str]:
+    """Return a verified plan, or None and why there is none."""
+    try:
+        replanned = plan_climb(loaded)
+    except (NoPlanFound, SpecError, UsageError) as error:
+        return None, str(error).splitlines()[0]
+    verification = verify_plan(replanned)
+    return (replanned, "") if verification.passed else (None, verification.headline())
+
+
+def _state_stance(plan: ClimbPlan, stance: MeasuredStance) -> list[Override]:
+    """Return what was measured as values of the plan's spec."""
+    region = np.array(
+        [plan.terrain.nearest_surface(limb, toe) for limb, toe in enumerate(stance.toes)]
+    )
+    places = [
+        plan.terrain.surfaces[int(index)].project(toe)
+        for index, toe in zip(region, stance.toes, strict=True)
+    ]
+    toes = compute_stated_toes(plan.robot, plan.terrain, np.array(places), region)
+    start = {
+        "com": stance.com.tolist(),
+        "rpy_deg": Rotation.from_matrix(stance.rotation).as_euler("xyz", degrees=True).tolist(),
+        "toes": dict(zip(plan.robot.limb_names, toes.tolist(), strict=True)),
+    }
+    spec = load_planned_climb(plan.spec_text, plan.name, plan.robot_texts).spec
+    overrides = [
+        Override.of("task.start", start, _OPTION),
+        Override.of("solver.method", plan.solvers["method"], _OPTION),  # of `auto` the one it chose
+        Override("study", "null", _OPTION),
+    ]
+    load = -float(stance.load[2])  # [N] downwards
+    if load > _MIN_LOAD * plan.robot.mass * plan.robot.gravity:
+        mass = spec.task.payload.mass + load / plan.robot.gravity
+        overrides.append(Override.of("task.payload.mass", mass, _OPTION))
+    return overrides + _state_friction(plan, spec, stance.friction)
+
+
+def _state_friction(plan: ClimbPlan, spec: ClimbSpec, factor: Array) -> list[Override]:
+    """Return friction coefficients times factors (R,), where they are below one."""
+    if (factor >= 1.0).all():
+        return []
+    lowest: dict[str, float] = {}
+    for surface, surface_factor in zip(plan.terrain.surfaces, factor, strict=True):
+        key = _find_friction_key(spec, surface.name)
+        lowest[key] = min(lowest.get(key, np.inf), surface.friction * float(surface_factor))
+    overrides = [Override.of(key, value, _OPTION) for key, value in lowest.items()]
+    safety = min(spec.force.safety_friction, _SAFETY_FRICTION)
+    return [*overrides, Override.of("force.safety_friction", safety, _OPTION)]
+
+
+def _find_friction_key(spec: ClimbSpec, name: str) -> str:
+    """Return the key of a surface's friction coefficient in a spec."""
+    terrain = spec.terrain
+    regions, boxes = ([item.name for item in items] for items in (terrain.regions, terrain.boxes))
+    for key, names in (("regions", regions), ("boxes", boxes)):
+        if name in names:
+            return f"terrain.{key}.{names.index(name)}.friction"
+    if name in ("left", "right") and terrain.walls is not None:
+        return "terrain.walls.friction"
+    if name == "ground" and terrain.ground is not None:
+        return "terrain.ground.friction"
+    return "terrain.friction"
+
+
+def _list_attempts(plan: ClimbPlan, stance: MeasuredStance) -> Iterator[tuple[list[str], int]]:
+    """Yield orders of limbs and numbers of rounds, the most promising first."""
+    instants, names = plan.instants, plan.robot.limb_names
+    order = [int(np.flatnonzero(row)[0]) for row in instants.lifted[::2][: len(names)]]
+    moving = int(np.flatnonzero(instants.lifted[stance.next_instant])[0])
+    position = order.index(moving)
+    planned = order[position:] + order[:position]
+    slide = np.linalg.norm(stance.toes - instants.toes[stance.instant], axis=1)
+    slid = [limb for limb in np.argsort(-slide).tolist() if slide[limb] > _MIN_SLIDE]
+    first = slid + [limb for limb in planned if limb not in slid]
+    rounds = plan.rounds.count - int(instants.round[stance.next_instant]) + 1
+    orders = [first, planned] if first != planned else [planned, planned[1:] + planned[:1]]
+    for gait in orders:
+        for extra in (0, 1):
+            yield [names[limb] for limb in gait], rounds + extra

@@ -25,6 +25,7 @@ class CertificateRows:
 
     In this order: plain rows, rows of implications, rows of alternatives (the products of the
     alternative's and the choice's matrices in doubles), one of each choice, coordinates of balls.
+    In place of a cone's coordinates it is first that radius + slope x is not negative, then empty.
     """
 
     G: sparse.csr_matrix  # (rows, N)
@@ -66,9 +67,17 @@ def build_stated_rows(instance: Instance) -> CertificateRows:
             z += 1
     append(sparse.csr_matrix(choice_rows), np.ones(len(choice_rows)), np.ones(len(choice_rows)))
     for balls in instance.balls:
-        limit = balls.radius if balls.slope is None else np.full(balls.count, np.inf)
-        radius, f = np.repeat(limit, balls.f.shape[1]), balls.f.ravel()
-        append(balls.F, round_down(-radius - f), round_up(radius - f))
+        d, f = balls.f.shape[1], balls.f.ravel()
+        radius = np.repeat(balls.radius, d)
+        if balls.slope is None:
+            append(balls.F, round_down(-radius - f), round_up(radius - f))
+        else:
+            first = sparse.kron(balls.slope, np.eye(d, 1)).tocsr()
+            append(
+                first,
+                np.where(np.arange(len(f)) % d == 0, -radius, -np.inf),
+                np.full(len(f), np.inf),
+            )
     G, *columns = zip(*blocks, strict=True)
     lower, upper, binary, value = (np.concatenate(column) for column in columns)
     matrix = sparse.csr_matrix(sparse.vstack(G))

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from scipy import sparse
 
+from climbplan.certificates.certificate import Certificate
 from climbplan.certificates.checker import check
+from climbplan.certificates.rows import build_stated_rows
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.conic_relaxation import ConicRelaxation, _NodeProgram
@@ -171,3 +173,47 @@ def test_ranges_of_any_unit_are_searched(width: float) -> None:
     assert result.status == "optimal"
     assert result.objective == pytest.approx(1.1, abs=1e-4)
     assert result.bound <= 1.1 + 1e-9
+
+
+def state_cone(constant: float) -> Instance:
+    """Return |3 x0 - 2 x1 + 1| <= 2 x0 - 3 x1 + 3 x2 + constant over a box.
+
+    For -3 the limit reaches 0 at one corner only, where the vector is not 0.
+    """
+    p = Program("corner")
+    x = p.continuous("x", (3,), np.array([-2.0, 0.0, 0.0]), np.array([0.0, 1.0, 1.0]))
+    vector = np.array([[3.0 * x[0] - 2.0 * x[1] + 1.0]])
+    p.cone("cone", vector, np.array([2.0 * x[0] - 3.0 * x[1] + 3.0 * x[2] + constant]))
+    p.minimise("cost", x[0] - x[2])
+    return p.instantiate()
+
+
+def test_cones_whose_limit_is_nowhere_positive_are_refuted() -> None:
+    instance = state_cone(-3.0)
+    search = ConicSearch(GAP, proves=True)
+    assert search.solve(instance, 10.0).status == "infeasible"
+    assert search.certificate is not None
+    assert check(instance, search.certificate).bound == np.inf
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_any_multiplier_of_a_limit_bounds_feasible_points(seed: int) -> None:
+    rng, instance = np.random.default_rng(seed), state_cone(-2.0)
+    points = rng.uniform(instance.lower, instance.upper, (20_000, 3))
+    feasible = points[[instance.violation(x) <= 0.0 for x in points]]
+    best = float((feasible @ instance.q).min())
+    rows = build_stated_rows(instance)
+    assert list(np.flatnonzero(np.isfinite(rows.lower) | np.isfinite(rows.upper))) == [0]
+    assert (rows.lower[:, None] <= rows.G @ feasible.T).all()
+    for _ in range(50):
+        certificate = Certificate(
+            split=np.array([-1]),
+            at=np.zeros(1),
+            point=rng.uniform(-1.0, 1.0, (1, 3)),
+            multiplier=sparse.csr_matrix(rng.normal(size=(1, 1))),
+            ball=rng.normal(size=(1, 1)),
+            empty=np.zeros(1, bool),
+            bound=0.0,
+        )
+        assert check(instance, certificate).bound <= best
+        assert check(instance, replace(certificate, empty=np.ones(1, bool))).bound < np.inf

@@ -117,10 +117,31 @@ def compute_leaf_multipliers(
     offset += len(blocks.bounds.b)
     vector_rows = np.flatnonzero(radius_mask == 0.0)  # behind each ball's radius its coordinates
     ball = -z[offset:][vector_rows]
+    if len(ball):
+        begin = len(rows.lower) - 4 * len(rows.w) - len(ball)
+        y[begin : begin + len(ball)] += _find_excess(instance, z[offset:], lengths)
     v = fixed.copy()
     v[free] = np.clip(x[: len(free)], box.lower[free], box.upper[free])
     point = None if empty or infeasible else v[: instance.size]
     return RelaxationSolution(Multipliers(point, y, ball), v)
+
+
+def _find_excess(instance: Instance, z: Array, lengths: IntArray) -> Array:
+    """Return (D,) what a cone's multiplier of its radius exceeds that of its vector by.
+
+    It belongs to the row that the radius is not negative, in place of the cone's first coordinate.
+    """
+    begin = np.cumsum(lengths) - lengths  # of each cone: its radius
+    vectors = z.copy()
+    vectors[begin] = 0.0
+    excess = np.maximum(z[begin] - np.sqrt(np.add.reduceat(vectors**2, begin)), 0.0)
+    is_cone = np.concatenate(
+        [np.full(balls.count, balls.slope is not None) for balls in instance.balls]
+    )
+    first = begin - np.arange(len(lengths))  # without the radii before
+    total = np.zeros(int((lengths - 1).sum()))
+    total[first[is_cone]] = excess[is_cone]
+    return total
 
 
 def _refute_point(instance: Instance, v: Array, num_rows: int) -> RelaxationSolution | None:

@@ -67,17 +67,12 @@ def build_stated_rows(instance: Instance) -> CertificateRows:
             z += 1
     append(sparse.csr_matrix(choice_rows), np.ones(len(choice_rows)), np.ones(len(choice_rows)))
     for balls in instance.balls:
-        d, f = balls.f.shape[1], balls.f.ravel()
-        radius = np.repeat(balls.radius, d)
+        d, f, radius = balls.f.shape[1], balls.f.ravel(), np.repeat(balls.radius, balls.f.shape[1])
         if balls.slope is None:
             append(balls.F, round_down(-radius - f), round_up(radius - f))
-        else:
-            first = sparse.kron(balls.slope, np.eye(d, 1)).tocsr()
-            append(
-                first,
-                np.where(np.arange(len(f)) % d == 0, -radius, -np.inf),
-                np.full(len(f), np.inf),
-            )
+            continue
+        low, high = np.where(np.arange(len(f)) % d, -np.inf, -radius), np.full(len(f), np.inf)
+        append(sparse.kron(balls.slope, np.eye(d, 1)).tocsr(), low, high)
     G, *columns = zip(*blocks, strict=True)
     lower, upper, binary, value = (np.concatenate(column) for column in columns)
     matrix = sparse.csr_matrix(sparse.vstack(G))

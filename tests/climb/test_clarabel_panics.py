@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+
 import clarabel
 import numpy as np
 import pytest
@@ -21,7 +23,14 @@ class Panicking:
         pass
 
     def solve(self) -> None:
+        os.write(2, b"thread '<unnamed>' panicked\n")  # as Rust writes it
         raise PanicException("Eigval error: Eigen(1)")
+
+
+class Talking(Panicking):
+    def solve(self) -> str:
+        os.write(2, b"a line of another thread\n")
+        return "solved"
 
 
 class Interrupted(Panicking):
@@ -35,6 +44,17 @@ def test_a_panic_is_no_answer(monkeypatch: pytest.MonkeyPatch) -> None:
     program = ConicProgram(1)
     program.add_inequality("row", np.ones((1, 1)), np.ones(1))
     assert program.minimise(np.ones(1)) is None
+
+
+def test_only_the_text_of_a_panic_is_dropped(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(clarabel, "DefaultSolver", Panicking)
+    assert solve_with_clarabel() is None
+    assert capfd.readouterr().err == ""
+    monkeypatch.setattr(clarabel, "DefaultSolver", Talking)
+    assert str(solve_with_clarabel()) == "solved"
+    assert capfd.readouterr().err == "a line of another thread\n"
 
 
 def test_ctrl_c_is_none_of_them(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,14 +45,42 @@ def build_clarabel_settings(robust: bool = False) -> clarabel.DefaultSettings:
     return settings
 
 
+_redirecting = threading.Lock()  # the file descriptor belongs to all threads
+
+
+@contextmanager
+def _drop_panic_message() -> Iterator[None]:
+    """Keep back standard error, and drop what is written to it before an exception.
+
+    Rust prints a panic, and under RUST_BACKTRACE its stack, to the file descriptor before Python
+    sees an exception.
+    """
+    with _redirecting:
+        if sys.stderr is not None:
+            sys.stderr.flush()
+        original, kept_back = os.dup(2), os.memfd_create("stderr")
+        try:
+            os.dup2(kept_back, 2)
+            yield
+            os.dup2(original, 2)
+            os.lseek(kept_back, 0, os.SEEK_SET)
+            while text := os.read(kept_back, 1 << 16):
+                os.write(2, text)
+        finally:
+            os.dup2(original, 2)
+            os.close(original)
+            os.close(kept_back)
+
+
 def solve_with_clarabel(*problem: Any) -> clarabel.DefaultSolution | None:
-    """Solve a problem by Clarabel; return None where Clarabel panics.
+    """Solve a problem by Clarabel; return None, and print nothing, where Clarabel panics.
 
     problem: the arguments of `DefaultSolver`. An eigenvalue iteration on a semidefinite cone that
     does not converge makes it panic. PyO3 raises a BaseException whose type it does not export.
     """
     try:
-        return clarabel.DefaultSolver(*problem).solve()
+        with _drop_panic_message():
+            return clarabel.DefaultSolver(*problem).solve()
     except BaseException as error:
         kind = type(error)
         if (kind.__module__, kind.__name__) != ("pyo3_runtime", "PanicException"):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -95,3 +96,38 @@ def test_postures_without_plans_end_the_search() -> None:
     refused = (SpecOutcome("climbs", None, f"posture {number}") for number in range(9))
     best, tried = trials._select_best("climbs", refused, 3, (0.9, 0.95))
     assert (best.why, len(tried)) == ("posture 0", 3)
+
+
+@pytest.mark.parametrize(
+    ("falls", "num_planned", "chosen"),
+    [
+        ([3], 1, 0),  # it stands in enough worlds
+        ([None], 1, 0),  # none were sampled
+        ([84, 40, 2], 3, 2),
+        ([84, 90, 95], 3, 0),
+    ],
+)
+def test_another_standing_posture_is_taken_where_the_first_falls(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    falls: list[int | None],
+    num_planned: int,
+    chosen: int,
+) -> None:
+    postures: list[Any] = [SimpleNamespace(name="robot", place=k) for k in range(3)]
+    planned: list[Any] = []
+
+    def plan_walk(trials: ProposalTrials) -> SpecOutcome:
+        planned.append(trials.proposal)
+        return outcome(0.4, falls[trials.proposal.place])
+
+    def write_robot(trials: ProposalTrials, proposal: Any) -> None:
+        trials.proposal = proposal
+
+    monkeypatch.setattr(ProposalTrials, "_plan_walk", plan_walk)
+    monkeypatch.setattr(ProposalTrials, "_write_robot", write_robot)
+    monkeypatch.setattr(ProposalTrials, "list_alternatives", lambda trials: postures[1:])
+    trials = ProposalTrials(postures[0], tmp_path)
+    assert planned == postures[:num_planned]
+    assert trials.proposal is postures[chosen]
+    assert trials.ground.sample == outcome(0.4, falls[chosen]).sample

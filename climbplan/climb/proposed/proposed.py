@@ -102,16 +102,18 @@ class ProposalTrials:
         self._alternatives: list[RobotProposal] | None = None
         self._bracing_alternatives: list[RobotProposal] | None = None
         self._climbs: list[SpecOutcome] = []  # between walls, with postures of the proposal
-        self.ground = first = self._plan_walk()
-        if first.plan is not None:
-            return
+        self.ground = self._plan_walk()
+        best = proposal
         for alternative in self.list_alternatives():
+            if self.ground.is_good_enough(NEGLIGIBLE_MARGIN):
+                break
+            if self.ground.plan is not None and self.ground.sample is None:
+                break
             self._write_robot(alternative)
-            self.ground = self._plan_walk()
-            if self.ground.plan is not None:
-                return
-        self._write_robot(proposal)
-        self.ground = first
+            outcome = self._plan_walk()
+            if outcome.rank > self.ground.rank:
+                self.ground, best = outcome, alternative
+        self._write_robot(best)
 
     def list_alternatives(self) -> list[RobotProposal]:
         """List the robot in its other standing postures, by decreasing clearance."""

@@ -248,7 +248,11 @@ class LimitSearch:
                 raise _TimeIsUp
             self._options.progress(f"{self.key.format(value)}: {stage}", fraction)
 
-        return PlanningOptions(report, self._options.jobs, None, self._options.warn)
+        # Of the stated value alone: what would mend a harder one is the value that is sought
+        is_stated = not self._trials
+        return PlanningOptions(
+            report, self._options.jobs, None, self._options.warn, seek_remedies=is_stated
+        )
 
 
 def explain_no_limit(result: LimitResult) -> NoPlanFound:

@@ -45,12 +45,14 @@ class PlanningOptions:
         jobs: worker processes of a study or a file of scenes.
         save_model: file that the optimisation problem is written to; None writes none.
         warn: called with warnings while the planner runs.
+        seek_remedies: whether changed specs are planned where a climb or a transition has no plan.
     """
 
     progress: Progress = lambda stage, fraction: None
     jobs: int = 1
     save_model: Path | None = None
     warn: Callable[[str], None] = lambda words: None
+    seek_remedies: bool = True
 
 
 def run_planner(loaded: object, options: PlanningOptions | None = None) -> PlannedResult:
@@ -79,7 +81,11 @@ def _climb(loaded: LoadedClimb, options: PlanningOptions) -> PlannedResult:
 
     def plan(climb: LoadedClimb) -> ClimbPlan:
         return plan_climb(
-            climb, report=options.progress, jobs=options.jobs, save_model=options.save_model
+            climb,
+            report=options.progress,
+            jobs=options.jobs,
+            save_model=options.save_model,
+            seek_remedies=options.seek_remedies,
         )
 
     def describe(climb_plan: ClimbPlan) -> PlannedResult:
@@ -109,7 +115,9 @@ def _transition(loaded: LoadedTransition, options: PlanningOptions) -> PlannedRe
     from climbplan.climb.transition.planner import plan_transition
 
     def plan(transition: LoadedTransition) -> ClimbPlan:
-        return plan_transition(transition, report=options.progress)
+        return plan_transition(
+            transition, report=options.progress, seek_remedies=options.seek_remedies
+        )
 
     if loaded.spec.risk is None:
         transition_plan = _in_sampled_worlds(plan(loaded), loaded, options)

@@ -77,6 +77,19 @@ def test_where_nothing_counts() -> None:
     assert failed.value.remedies
 
 
+def test_remedies_are_sought_for_the_stated_value_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    plan = limits.plan_and_verify
+    sought: list[bool] = []
+
+    def record(loaded: object, options: Any) -> Any:
+        sought.append(options.seek_remedies)
+        return plan(loaded, options)
+
+    monkeypatch.setattr(limits, "plan_and_verify", record)
+    climbplan.find_limit(SHELF, WIDTH, lower=17, upper=30)
+    assert sought == [True, False]
+
+
 def test_time_limit_of_the_whole_search() -> None:
     with pytest.raises(LimitReached, match="before a plan was found"):
         climbplan.find_limit(SHELF, WIDTH, time_limit=1e-6)

@@ -39,3 +39,13 @@ def test_a_refusal_claims_no_limit() -> None:
     assert "needed" not in text
     assert format_remedies([describe_as_planned(PAYLOAD)])[1] in text
     assert "(planned with payload 2.33 kg)" in text
+
+
+def test_conflicts_keep_their_changes_where_none_were_sought() -> None:
+    conflict = Conflict("round 1, LF lifted", ("torque of LF",), (PAYLOAD,))
+    error = Unresolved("no forces", [conflict], because="postures were chosen", stage="force")
+    failed = [FailedTrial(MethodVariant("micp", "micp"), error, 0.1)]
+    unsought = NoTrialSucceeded(failed, None, time_ran_out=False)
+    assert unsought.remedies == (PAYLOAD,)
+    assert "what was tried is feasible with payload <= 2.33 kg" in str(unsought.conflicts[0])
+    assert not NoTrialSucceeded(failed, [], time_ran_out=False).remedies

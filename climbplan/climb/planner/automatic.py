@@ -12,6 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import islice
 
 from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.motion.open_rounds import PartialClimb
@@ -74,11 +75,22 @@ class NoTrialSucceeded(Unresolved):
     """
 
     def __init__(
-        self, failed_trials: Sequence[FailedTrial], remedies: Sequence[Remedy], time_ran_out: bool
+        self,
+        failed_trials: Sequence[FailedTrial],
+        verified_remedies: Sequence[Remedy] | None,
+        time_ran_out: bool,
     ) -> None:
+        """Describe the failed trials.
+
+        Args:
+            failed_trials: In the order in which they were tried; at least one.
+            verified_remedies: Changes with which a plan was found and verified; None where none
+                were sought, so that conflicts keep the changes that they name themselves.
+            time_ran_out: Whether the time limit ended the search.
+        """
         from climbplan.climb.planner.remedies import add_verified_change, format_remedies
 
-        first = failed_trials[0].error
+        first, remedies = failed_trials[0].error, verified_remedies or ()
         headline, _, details = first.message.partition("\n")[0].partition("; ")
         lines = [add_verified_change(headline, remedies), *([details] if details else [])]
         # What a conflict names would mend what failed there; other postures may do with less
@@ -94,7 +106,12 @@ class NoTrialSucceeded(Unresolved):
         lines += format_remedies(remedies)
         reason = first.because if isinstance(first, Unresolved) else "a limit was reached"
         super().__init__("\n".join(lines), because=reason, stage=first.stage, remedies=remedies)
-        self.conflicts = [replace(c, remedies=()) for c in first.conflicts]
+        self.conflicts = [
+            replace(conflict, tried=True)
+            if verified_remedies is None
+            else replace(conflict, remedies=())
+            for conflict in first.conflicts
+        ]
         self.tried = tuple(failed_trials)
         partials = [failure.error.partial for failure in failed_trials]
         climbs = [partial for partial in partials if isinstance(partial, PartialClimb)]
@@ -166,7 +183,10 @@ def apply_choices(loaded: LoadedClimb, trial: MethodVariant) -> LoadedClimb:
 
 
 def plan_automatically(
-    loaded: LoadedClimb, scene: Callable[[ClimbSpec], ClimbScene], plan: PlanByMethod
+    loaded: LoadedClimb,
+    scene: Callable[[ClimbSpec], ClimbScene],
+    plan: PlanByMethod,
+    seek_remedies: bool = True,
 ) -> ClimbPlan:
     """Return the plan of the first trial that leads to one; its notes say what was chosen.
 
@@ -174,6 +194,7 @@ def plan_automatically(
         loaded: Spec of the climb, with method `auto`.
         scene: Builds the scene of a spec, which decides what methods can state the climb.
         plan: Plans a climb by the method of its spec until a deadline.
+        seek_remedies: Whether changed specs are planned where there is no plan.
 
     Returns:
         A verified plan, or a plan that failed its verification where no other was found.
@@ -197,10 +218,9 @@ def plan_automatically(
     error = search.failed_trials[0].error
     proof = prove_infeasibility(climb_scene, time.monotonic() + PROOF_TIME_FRACTION * search.limit)
     if proof is not None:
-        changes = list(generate_candidates(climb_scene, proof.remedies))[:_MAX_CHANGES_AFTER_PROOF]
-        raise _attach_verified_remedies(
-            proof, tuple(_verify_changes(search, climb_scene, changes))
-        ) from error
+        changes = generate_candidates(climb_scene, proof.remedies) if seek_remedies else ()
+        verified = _verify_changes(search, climb_scene, islice(changes, _MAX_CHANGES_AFTER_PROOF))
+        raise _attach_verified_remedies(proof, tuple(verified)) from error
     time_ran_out = False
     for trial in generate_further_trials(climb_scene, error):
         remaining = search.remaining_time(_TRIAL_FRACTION)
@@ -214,12 +234,23 @@ def plan_automatically(
             return _add_provenance_note(verified_plan, trial, search.failed_trials[0])
     if search.unverified_plan is not None:
         return search.unverified_plan  # better than none: it is written, and marked as failing
+    raise _build_failure(search, climb_scene, seek_remedies, time_ran_out)
+
+
+def _build_failure(
+    search: TrialSearch, scene: ClimbScene, seek_remedies: bool, time_ran_out: bool
+) -> NoTrialSucceeded:
+    """Return the error of trials that all failed, with the changes with which there is a plan."""
+    from climbplan.climb.planner.remedies import generate_candidates
+
     failed_trials = tuple(search.failed_trials)
     if all(isinstance(failure.error, LimitReached) for failure in failed_trials):
         time_ran_out = True
-    candidates = generate_candidates(climb_scene, _collect_suggestions(failed_trials))
-    remedies = tuple(_verify_changes(search, climb_scene, candidates))
-    raise NoTrialSucceeded(failed_trials, remedies, time_ran_out)
+    remedies: tuple[Remedy, ...] | None = None
+    if seek_remedies:
+        candidates = generate_candidates(scene, _collect_suggestions(failed_trials))
+        remedies = tuple(_verify_changes(search, scene, candidates))
+    return NoTrialSucceeded(failed_trials, remedies, time_ran_out)
 
 
 def _collect_suggestions(failed_trials: Iterable[FailedTrial]) -> list[Remedy]:

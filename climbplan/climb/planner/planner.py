@@ -47,6 +47,8 @@ def plan_climb(
     jobs: int = 1,
     save_model: Path | None = None,
     nodes: float = np.inf,
+    *,
+    seek_remedies: bool = True,
 ) -> ClimbPlan:
     """Plan a climb by the method of its spec; plans of method `auto` are verified in memory.
 
@@ -57,6 +59,8 @@ def plan_climb(
         save_model: File for the mixed-integer program; None for no file.
         nodes: Largest number of nodes of each branch and bound. Where this limit ends a search
             before the time limit does, the answer is the same on every machine.
+        seek_remedies: Whether method `auto` plans changed specs where it finds no plan, to name
+            changes with which there is one. It may take as long as the search itself.
 
     Raises:
         Infeasible: It is proved that the stated climb has no plan.
@@ -84,7 +88,7 @@ def plan_climb(
         if loaded.spec.solver.method == "auto":
             from climbplan.climb.planner.automatic import plan_automatically
 
-            plan = plan_automatically(loaded, build_scene_of_spec, plan_until)
+            plan = plan_automatically(loaded, build_scene_of_spec, plan_until, seek_remedies)
         else:
             try:
                 plan = plan_until(loaded, begin + loaded.spec.solver.time_limit)
@@ -95,13 +99,18 @@ def plan_climb(
         if isinstance(error.partial, PartialClimb):
             error.partial = _complete_partial_plan(error.partial, clock)
         raise
-    if loaded.spec.study is not None:
-        from climbplan.climb.planner.study import run_study
-
-        with clock.stage("study"):
-            plan = replace(plan, study=run_study(loaded, jobs, clock.report))
-    plan = replace(plan, timings=dict(clock.seconds))
+    plan = replace(_add_study(plan, loaded, jobs, clock), timings=dict(clock.seconds))
     return replace(plan, summary=format_summary(plan))
+
+
+def _add_study(plan: ClimbPlan, loaded: LoadedClimb, jobs: int, clock: StageClock) -> ClimbPlan:
+    """Return the plan with the study that its spec asks for, if any."""
+    if loaded.spec.study is None:
+        return plan
+    from climbplan.climb.planner.study import run_study
+
+    with clock.stage("study"):
+        return replace(plan, study=run_study(loaded, jobs, clock.report))
 
 
 def _raise_proof(scene: ClimbScene, error: NoPlanFound, nodes: float) -> None:

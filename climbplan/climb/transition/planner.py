@@ -91,6 +91,8 @@ def plan_transition(
     loaded: LoadedTransition,
     report: Progress | None = None,
     margin_fractions: tuple[float, ...] = MARGIN_FRACTIONS,
+    *,
+    seek_remedies: bool = True,
 ) -> ClimbPlan:
     """Plan a transition for a loaded spec; the plan has passed its verification.
 
@@ -99,6 +101,8 @@ def plan_transition(
         report: Called with a stage and the fraction that is done.
         margin_fractions: Fractions of the margins that the motion of a sequence is planned with,
             in turn until there is one.
+        seek_remedies: Whether method `auto` plans changed specs where it finds no plan, to name
+            changes with which there is one.
 
     Raises:
         Unresolved: No sequence exists on the poses searched; the message names slipping contacts.
@@ -114,7 +118,7 @@ def plan_transition(
         run = TransitionRun(loaded, scene, clock, tail, margin_fractions)
         return assemble_plan(run, _METHODS[options.method](run))
     except NoPlanFound as error:
-        if options.method != "auto" or isinstance(error, Infeasible):
+        if options.method != "auto" or isinstance(error, Infeasible) or not seek_remedies:
             raise
         failure = find_remedies(loaded, error, plan_transition, begin + options.time_limit)
         raise failure from error

@@ -7,7 +7,15 @@ from typing import Annotated
 import typer
 
 # A family's module registers its subcommands when it is imported.
-from benchmarks.commands import bookshelf, climb, limms, programs, robots, walking  # noqa: F401
+from benchmarks.commands import (  # noqa: F401
+    bookshelf,
+    climb,
+    limms,
+    motions,
+    programs,
+    robots,
+    walking,
+)
 from benchmarks.running import app
 
 __all__ = ["app"]

@@ -76,6 +76,20 @@ class ShardStore:
                 self._open[shard] = _convert_to_rows(stored)
         return Found(frozenset(rows), answered, tuple(damaged))
 
+    def read_rows(self) -> Dataset:
+        """Return the rows that were made so far, in order; a run may be going on.
+
+        Raises PlanFileError for a damaged shard, and UsageError where there are no rows.
+        """
+        stored = [
+            self._read(shard)
+            for shard in range(-(-self.count // self.size))
+            if self._path(shard).exists()
+        ]
+        if not stored:
+            raise UsageError(f"{self.directory}: no rows in it")
+        return Dataset.join(stored)
+
     def add(self, rows: Iterable[Row]) -> None:
         """Keep rows: the first ones and complete shards are written at once, others now and then.
 

@@ -20,7 +20,7 @@ from climbplan.instances import families
 NAMES = {
     "posture", "force", "plan", "coupled", "transition", "mpc", "refusals", "stands", "scans",
     "judge", "zoo", "growth", "windows", "bookshelf", "strategies", "limms", "instances", "engine",
-    "courses", "conic", "qplib", "closed_loop", "learned",
+    "courses", "conic", "qplib", "closed_loop", "learned", "motions",
 }  # fmt: skip
 SHARED = {"--quick", "--json", "--quiet", "--verbose"}
 
@@ -57,6 +57,7 @@ def test_each_benchmark_has_its_own_options_and_the_shared_ones() -> None:
     }
     assert all(found >= SHARED for found in options.values())
     assert {name for name, found in options.items() if "--seed" not in found} == {
+        "motions",
         "qplib",
         "scans",
     }
@@ -80,6 +81,8 @@ def test_each_benchmark_has_its_own_options_and_the_shared_ones() -> None:
         (("limms", "--methods", "modes,exact", "--count", "0"), "expected some of modes, admm"),
         (("instances", "--methods", "cplex"), "no 'cplex', known are"),
         (("instances", "--count", "0"), "--count"),
+        (("motions",), "expected some of --dataset DIR"),
+        (("motions", "--scenes", "climb_nowhere"), "no scene 'climb_nowhere'"),
         (("growth", "--json", "none/growth.json"), "none/growth.json: no such directory"),
         (("scans", "--scenes", "."), "give the folder with the meshes of hpp-environments by"),
     ],

@@ -26,6 +26,7 @@ from climbplan.motions.measure import measure_motion
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
+from climbplan.robots.serial_chain import SerialChain
 from climbplan.schema.robots.source import load_any_robot
 from climbplan.schema.robots.urdf.robot import UrdfRobot
 
@@ -177,6 +178,7 @@ def test_inertia_is_pinocchios(name: str) -> None:
     # The same body in Pinocchio: a free joint at the root, whose frame may differ
     from climbplan.exports.base_link import build_base_link
 
+    assert isinstance(robot.mechanism, SerialChain)
     base = build_base_link(given, robot.mechanism, np.eye(3))
     rotation = rotation_world_body(rpy) @ base.rotation
     origin = com + rotation_world_body(rpy) @ base.position

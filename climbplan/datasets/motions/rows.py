@@ -38,6 +38,22 @@ from climbplan.store.dataset_row import RowAnswer
 
 KIND = "motions"
 FOLDER = "motions"  # beside the dataset, of the files
+OBJECTIVE_UNIT = "s"  # of a motion's duration
+LAYOUTS = {
+    "usable": build_solution_layout((), kind="bool"),
+    "pace": build_solution_layout((), "of planned"),
+    "samples": build_solution_layout((), kind="int"),
+    "slips": build_solution_layout((), kind="int"),
+    "lost_contacts": build_solution_layout((), kind="int"),
+    "slip": build_solution_layout((), "m"),
+    "penetration": build_solution_layout((), "m"),
+    "cpu_plan": build_solution_layout((), "s"),
+    "cpu_simulation": build_solution_layout((), "s"),
+    "motion": build_solution_layout((), "path", kind="text"),
+    "sha256": build_solution_layout((), kind="text"),
+    "terrain": build_solution_layout((), "path", kind="text"),
+    "terrain_sha256": build_solution_layout((), kind="text"),
+}
 _MAX_REASON = 300  # letters of why there is no plan
 
 
@@ -189,22 +205,8 @@ def build_frame(families: SceneFamilies, form: MotionForm) -> DatasetFrame:
         },
         parameter_names=families.parameter_names,
         integer_names=(),
-        layouts={
-            "usable": build_solution_layout((), kind="bool"),
-            "pace": build_solution_layout((), "of planned"),
-            "samples": build_solution_layout((), kind="int"),
-            "slips": build_solution_layout((), kind="int"),
-            "lost_contacts": build_solution_layout((), kind="int"),
-            "slip": build_solution_layout((), "m"),
-            "penetration": build_solution_layout((), "m"),
-            "cpu_plan": build_solution_layout((), "s"),
-            "cpu_simulation": build_solution_layout((), "s"),
-            "motion": build_solution_layout((), "path", kind="text"),
-            "sha256": build_solution_layout((), kind="text"),
-            "terrain": build_solution_layout((), "path", kind="text"),
-            "terrain_sha256": build_solution_layout((), kind="text"),
-        },
-        objective_unit="s",
+        layouts=LAYOUTS,
+        objective_unit=OBJECTIVE_UNIT,
     )
 
 

@@ -25,7 +25,8 @@ class MotionCount:
     planned: int  # and verified
     usable: int
     seconds: float  # of usable motions, in all [s]
-    cpu: float  # of planning, verification and simulation, mean of planned rows [s]; 0 of none
+    cpu_planning: float  # with verification, mean of planned rows [s]; 0 of none
+    cpu_simulation: float  # likewise [s]
 
 
 def count_motions(data: Dataset) -> list[MotionCount]:
@@ -50,7 +51,7 @@ def count_motions(data: Dataset) -> list[MotionCount]:
 def _count(data: Dataset, robot: str, scene: str, chosen: BoolArray) -> MotionCount:
     planned = chosen & data.feasible
     usable = planned & data.solution["usable"].astype(bool)
-    cpu = (data.solution["cpu_plan"] + data.solution["cpu_simulation"])[planned]
+    count = max(int(planned.sum()), 1)
     return MotionCount(
         robot=robot,
         scene=scene,
@@ -58,7 +59,8 @@ def _count(data: Dataset, robot: str, scene: str, chosen: BoolArray) -> MotionCo
         planned=int(planned.sum()),
         usable=int(usable.sum()),
         seconds=float(data.objective[usable].sum()),
-        cpu=float(cpu.mean()) if cpu.size else 0.0,
+        cpu_planning=float(data.solution["cpu_plan"][planned].sum()) / count,
+        cpu_simulation=float(data.solution["cpu_simulation"][planned].sum()) / count,
     )
 
 
@@ -71,6 +73,7 @@ def format_motion_counts(data: Dataset) -> list[str]:
     """Return lines for people."""
     return [
         f"{'motions':<11} {count.robot}, {count.scene}: {count.planned} of {count.rows} planned, "
-        f"{count.usable} usable ({count.seconds:.0f} s), {count.cpu:.1f} s of CPU each"
+        f"{count.usable} usable ({count.seconds:.0f} s), "
+        f"{count.cpu_planning + count.cpu_simulation:.1f} s of CPU each"
         for count in count_motions(data)
     ]

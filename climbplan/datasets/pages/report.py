@@ -73,7 +73,8 @@ def build_report_values(data: Dataset, verification: Verification) -> dict[str, 
             "costliest.*.time": "s",
             "without_answer.*.time": "s",
             "motions.*.seconds": "s",
-            "motions.*.cpu": "s",
+            "motions.*.cpu_planning": "s",
+            "motions.*.cpu_simulation": "s",
         },
     }
     whole: dict[str, Any] = replace_non_finite(report)
@@ -126,7 +127,7 @@ def _build_page(report: Mapping[str, Any], images: Mapping[str, bytes]) -> str:
                 f"{entry['robot']}, {entry['scene']}",
                 (
                     f"{entry['planned']} of {entry['rows']} planned, {entry['usable']} usable, "
-                    f"{entry['cpu']:.1f} s of CPU each"
+                    f"{entry['cpu_planning'] + entry['cpu_simulation']:.1f} s of CPU each"
                 ),
             )
             for entry in report["motions"]

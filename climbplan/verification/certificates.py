@@ -30,7 +30,8 @@ def verify_certificates(certified: CertifiedRows, problem: Problem | None = None
     Raises UsageError if the parameters are not those of the problem.
     """
     checks = tuple(_iterate_checks(certified, problem))
-    return Verification(checks, beyond=() if problem is not None else (_NO_STATEMENT,))
+    beyond = () if problem is not None else (_NO_STATEMENT,)
+    return Verification(checks, beyond=beyond, is_motion=False)
 
 
 def _iterate_checks(certified: CertifiedRows, problem: Problem | None) -> Iterator[Check]:

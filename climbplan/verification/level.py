@@ -35,7 +35,13 @@ def level_of(*, num_failed: int, implausible: bool, reservations: bool) -> Level
 
 
 def advice_of(
-    *, num_checks: int, num_failed: int, implausible: bool, fragile: bool, model: str
+    *,
+    num_checks: int,
+    num_failed: int,
+    implausible: bool,
+    fragile: bool,
+    model: str,
+    is_motion: bool = True,
 ) -> str:
     """Return one sentence on what to do with a plan.
 
@@ -45,6 +51,7 @@ def advice_of(
         implausible: Whether data or deflections are beyond what any such robot has.
         fragile: Whether a margin is not kept.
         model: What the plan is verified in, "" where nothing is left out.
+        is_motion: Whether it is a motion that can be simulated and run by a robot.
     """
     if num_failed:
         return (
@@ -59,8 +66,7 @@ def advice_of(
     reasons = ["margins are not all kept"] if fragile else []
     reasons += [f"it is verified in its model only ({model})"] if model else []
     if reasons:
-        return (
-            f"every check passed, but {' and '.join(reasons)}: read what is listed and simulate "
-            "the plan before a robot runs it"
-        )
-    return "every check passed and nothing is left out: simulate the plan, then run it"
+        advice = f"every check passed, but {' and '.join(reasons)}: read what is listed"
+        return f"{advice} and simulate the plan before a robot runs it" if is_motion else advice
+    advice = "every check passed and nothing is left out"
+    return f"{advice}: simulate the plan, then run it" if is_motion else advice

@@ -39,7 +39,8 @@ _NO_BLOCKS = LeftOut("file alone", "the problem's blocks are not looked at witho
 def verify_file(plan: ProgramPlan, user_spec: HeldSpec | None = None) -> Verification:
     """Verify the file by itself; no block is evaluated, because that needs the statement."""
     checks = tuple(_check_file(plan, user_spec))
-    return Verification(checks, beyond=(_NO_BLOCKS,), against=describe_reference(plan, user_spec))
+    against = describe_reference(plan, user_spec)
+    return Verification(checks, beyond=(_NO_BLOCKS,), against=against, is_motion=False)
 
 
 def verify_program(
@@ -61,7 +62,7 @@ def verify_program(
         *_check_problem(answer, problem),
         *_check_blocks(answer, problem),
     )
-    return Verification(checks, against=describe_reference(plan, user_spec))
+    return Verification(checks, against=describe_reference(plan, user_spec), is_motion=False)
 
 
 def _replace_spec(plan: ProgramPlan, user_spec: HeldSpec | None) -> ProgramPlan:

@@ -68,6 +68,7 @@ class Verification:
     beyond: tuple[LeftOut, ...] = ()  # what the world asks of such a plan and no check looks at
     implausible: tuple[str, ...] = ()  # data and deflections that no such robot has, in words
     against: Against | None = None  # the spec that the plan was held against
+    is_motion: bool = True  # whether a robot can run it; not an answer, a proof or a dataset
     risk_summary: str = ""  # "stands in 297 of 300 worlds", of plans that were judged in some
 
     @property
@@ -114,6 +115,7 @@ class Verification:
             implausible=bool(self.implausible),
             fragile=bool(self.fragile),
             model=self.model,
+            is_motion=self.is_motion,
         )
 
     @property

@@ -65,7 +65,10 @@ def test_the_level_says_what_to_do_in_one_sentence() -> None:
     assert odd.passed
     assert (odd.level, odd.level.label) == ("do_not_use", "do not use")
     assert odd.objection == "must not be used: implausible: friction 9 of left"
-    for found in (fine, look, failed, odd):
+    answer, proof = replace(fine, is_motion=False), replace(look, is_motion=False)
+    assert fine.advice == f"{answer.advice}: simulate the plan, then run it"
+    assert look.advice == f"{proof.advice} and simulate the plan before a robot runs it"
+    for found in (fine, look, failed, odd, answer, proof):
         assert "\n" not in found.advice
         assert ". " not in found.advice
         assert found.scope()["level"] == found.level.value

@@ -39,7 +39,9 @@ def verify_plan(plan: ShelfPlan, replacement_spec: HeldSpec | None = None) -> Ve
     # Absurd numbers become infinite or NaN on the way and fail their check: no need to warn.
     with np.errstate(all="ignore"):
         checks = tuple(check_plan(plan, replacement_spec))
-        verification = Verification(checks, against=describe_reference(plan, replacement_spec))
+        verification = Verification(
+            checks, against=describe_reference(plan, replacement_spec), is_motion=False
+        )
         return (
             verification
             if verification.unsound

@@ -76,7 +76,8 @@ def verify_dataset(data: Dataset, path: Path, problem: Problem | None = None) ->
         checks = (*_check_file(data), *_check_rows(data, path, problem))
     is_file_alone = data.frame.kind == programs.KIND and problem is None
     beyond = (_NO_BLOCKS,) if is_file_alone else ()
-    return Verification(checks, beyond=beyond, against=describe_reference(data, None))
+    against = describe_reference(data, None)
+    return Verification(checks, beyond=beyond, against=against, is_motion=False)
 
 
 def verify_and_mark(path: Path, problem: Problem | None = None) -> Verification:

@@ -45,7 +45,13 @@ class ClosedLoopClimb(Node):
         self.create_timer(1.0 / RATE, self.tick)
 
     def hear(self, message: JointState) -> None:
-        """Keep what encoders and motors say."""
+        """Keep what encoders and motors say; contacts cannot be measured without torques."""
+        if len(message.effort) != len(message.name):
+            self.get_logger().error(
+                "/joint_states has no effort for each joint: expected motor torques [N m] there",
+                once=True,
+            )
+            return
         for name, angle, torque in zip(message.name, message.position, message.effort, strict=True):
             if name in self.place:
                 self.angles[self.place[name]], self.torques[self.place[name]] = angle, torque

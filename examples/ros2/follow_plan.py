@@ -7,7 +7,8 @@ Runs where ROS 2 is (rclpy, control_msgs, trajectory_msgs), not where climbplan 
 
 The controller has to have the P gains of `controllers.yaml` beside it, or commands for its own
 (`--gains`), or torques beside the angles (`--feedforward`). Put the robot into the plan's first
-posture before: the controller goes from where it is straight to the first point.
+posture before: the controller goes from where it is straight to the first point. Ctrl-C cancels the
+goal; the controller then holds the joints where they are.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ import yaml
 from builtin_interfaces.msg import Duration
 from control_msgs.action import FollowJointTrajectory
 from rclpy.action import ActionClient
+from rclpy.signals import SignalHandlerOptions
 from trajectory_msgs.msg import JointTrajectoryPoint
 
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
@@ -44,8 +46,9 @@ def goal_of(path: str) -> FollowJointTrajectory.Goal:
 
 
 def main() -> int:
-    """0 where the controller reached the end of the plan."""
-    rclpy.init()
+    """0 where the controller reached the end of the plan, 130 where Ctrl-C cancelled it."""
+    # Otherwise Ctrl-C ends the context, and nobody could tell the controller
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node("follow_plan")
     client = ActionClient(node, FollowJointTrajectory, ACTION)
     client.wait_for_server()
@@ -56,7 +59,12 @@ def main() -> int:
         node.get_logger().error("the controller refused the goal")
         return 1
     result = handle.get_result_async()
-    rclpy.spin_until_future_complete(node, result)
+    try:
+        rclpy.spin_until_future_complete(node, result)
+    except KeyboardInterrupt:
+        rclpy.spin_until_future_complete(node, handle.cancel_goal_async())
+        node.get_logger().warning("the goal is cancelled")
+        return 130
     answer = result.result().result
     node.get_logger().info(f"ended with {answer.error_code} {answer.error_string}")
     return 0 if answer.error_code == FollowJointTrajectory.Result.SUCCESSFUL else 1

@@ -327,12 +327,16 @@ class StubNode:
 
     def __init__(self, name: str) -> None:
         self.name, self.sent = name, [np.zeros(0)]
+        self.errors: list[str] = []
 
     def get_clock(self) -> SimpleNamespace:
         return SimpleNamespace(now=lambda: Elapsed(0))
 
     def create_publisher(self, kind: type, topic: str, depth: int) -> SimpleNamespace:
         return SimpleNamespace(publish=lambda message: self.sent.append(np.array(message.data)))
+
+    def get_logger(self) -> SimpleNamespace:
+        return SimpleNamespace(error=lambda text, once: self.errors.append(text))
 
     def create_subscription(self, *given: object) -> None:
         pass
@@ -380,6 +384,8 @@ def test_the_node_of_ros_2_commands_joints_in_their_order(
     node.tick()
     executive.step(0.01, angles, torques)
     np.testing.assert_allclose(node.sent[-1], executive.motor_command.ravel(), atol=1e-12)
+    node.hear(SimpleNamespace(name=shuffled, position=position, effort=[]))
+    assert "has no effort" in node.errors[0]
 
 
 def test_settings_are_positive() -> None:

@@ -87,11 +87,9 @@ def report(
 
     kind = identify_kind(path)
     verification = warn_of_failure(kind, path)
-    if film is not None and film.exists() and not force:
-        raise UsageError(f"{film}: already exists; --force replaces it")
+    if film is not None:
+        _check_film(film, force, as_json)
     if as_json:
-        if film is not None:
-            raise UsageError("--film: expected no --json with it, which writes no files")
         print_json({**kind.build_report(path), "plan": str(path)})
         return
     target = out if out is not None else path.parent
@@ -113,3 +111,14 @@ def report(
     print_result(str(target / PAGE))
     if film is not None:
         print_result(str(film))
+
+
+def _check_film(film: Path, force: bool, as_json: bool) -> None:
+    """Raise an error if no film can be written, before the report is."""
+    from climbplan.exports.film import check_film
+
+    if film.exists() and not force:
+        raise UsageError(f"{film}: already exists; --force replaces it")
+    if as_json:
+        raise UsageError("--film: expected no --json with it, which writes no files")
+    check_film(film)

@@ -20,6 +20,7 @@ from climbplan.arrays import Array
 from climbplan.errors import MissingSolver, UsageError
 from climbplan.exports.film_frames import HEIGHT, WIDTH, Frames
 from climbplan.reports.viewer.scene import ViewerScene
+from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.pictures import Picture
 from climbplan.store.atomic_file import replace_atomically
 
@@ -34,6 +35,19 @@ class _Kind:
 
     rate: float  # [Hz]; GIF counts hundredths of a second
     write: Callable[[Iterator[Picture], Path, float], None]
+
+
+def check_film(path: Path) -> None:
+    """Raise an error if no film can be written to a file, before anything is drawn.
+
+    Raises:
+        UsageError: The name ends in none of .gif, .webp and .mp4.
+        MissingSolver: MuJoCo or, for MP4, its encoder is missing.
+    """
+    kind = _select_kind(path)
+    load_mujoco("a film", "film")
+    if kind.write is _write_mp4:
+        _load_encoder()
 
 
 def write_film(

@@ -48,7 +48,7 @@ class Frames:
 
     def __init__(self, scene: ViewerScene, headline: str = "") -> None:
         self._scene, self._headline = scene, headline
-        mujoco = self._mujoco = load_mujoco()
+        mujoco = self._mujoco = load_mujoco("a film", "film")
         triangles = sum(len(shape.faces) for shape in scene.shapes)
         if triangles > _MOST_TRIANGLES:
             raise UsageError(

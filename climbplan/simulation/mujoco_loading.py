@@ -10,12 +10,18 @@ from types import ModuleType
 from climbplan.errors import MissingSolver
 
 
-def load_mujoco() -> ModuleType:
+def load_mujoco(purpose: str = "simulation", extra: str = "simulate") -> ModuleType:
     """Return the package `mujoco`.
 
     Without a display it is told to draw off screen, which it wants to know before it is loaded; a
-    choice that the environment names (MUJOCO_GL) stands. Raises MissingSolver with how to install
-    it.
+    choice that the environment names (MUJOCO_GL) stands.
+
+    Args:
+        purpose: What needs it, for the error.
+        extra: The extra of climbplan that installs what the purpose needs.
+
+    Raises:
+        MissingSolver: It is not installed.
     """
     if not {"MUJOCO_GL", "DISPLAY", "WAYLAND_DISPLAY"} & set(os.environ):
         for library, backend in (("EGL", "egl"), ("OSMesa", "osmesa")):
@@ -25,4 +31,4 @@ def load_mujoco() -> ModuleType:
     try:
         return import_module("mujoco")
     except ImportError as error:
-        raise MissingSolver("simulation needs MuJoCo: pip install 'climbplan[simulate]'") from error
+        raise MissingSolver(f"{purpose} needs MuJoCo: pip install 'climbplan[{extra}]'") from error

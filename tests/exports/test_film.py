@@ -14,7 +14,7 @@ from PIL import Image
 from climbplan.api.kinds import identify_kind
 from climbplan.cli.app import run
 from climbplan.errors import MissingSolver, UsageError
-from climbplan.exports.film import LONGEST, schedule_frames, write_film
+from climbplan.exports.film import LONGEST, check_film, schedule_frames, write_film
 from climbplan.exports.film_frames import HEIGHT, WIDTH, Frames
 from climbplan.reports.viewer.scene import ViewerScene
 
@@ -131,3 +131,16 @@ def test_a_missing_encoder_is_named(
     monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
     with pytest.raises(MissingSolver, match=r"pip install 'climbplan\[film\]'"):
         write_film(scenes["walk"], tmp_path / "walk.mp4")
+    with pytest.raises(MissingSolver, match="MP4 needs an encoder"):
+        check_film(tmp_path / "walk.mp4")
+    check_film(tmp_path / "walk.gif")
+
+
+def test_a_film_without_mujoco_names_the_extra_for_films(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(MissingSolver, match=r"a film needs MuJoCo.*climbplan\[film\]"):
+        check_film(tmp_path / "walk.gif")
+    with pytest.raises(UsageError, match=r"\.avi"):
+        check_film(tmp_path / "walk.avi")

@@ -20,6 +20,7 @@ from typing import Self
 Progress = Callable[[str, float], None]
 """Called with the name of a stage and the share of it that is done, from 0 to 1."""
 
+AFTER_SEARCH = "verify"  # stage that no time limit of a search ends
 LINE_INTERVAL = 5.0  # [s] between lines of progress
 INTERVAL_VARIABLE = "CLIMBPLAN_PROGRESS_SECONDS"  # of the environment, for the command line
 _MIN_FRACTION = 0.03  # of a stage, from which its remaining time is estimated
@@ -95,9 +96,13 @@ class ProgressMeter:
             _METER.reset(token)
 
     def report(self, stage: str, fraction: float) -> None:
-        """Record the fraction of a stage; a new stage forgets the search of the last one."""
+        """Record the fraction of a stage.
+
+        A new stage forgets the search of the last one, and the verification its deadline.
+        """
         if stage != self.stage:
-            deadline = self.search.deadline
+            is_after_search = stage.rpartition(": ")[2] == AFTER_SEARCH  # "2 kg: verify" of limits
+            deadline = None if is_after_search else self.search.deadline
             self.stage, self.search = stage, SearchStatus(deadline=deadline)
             self._stage_started = time.monotonic()
         self.fraction = fraction

@@ -104,6 +104,9 @@ def test_time_left_is_what_fraction_or_deadline_say(monkeypatch: pytest.MonkeyPa
         meter.report("refine", 0.0)  # another stage, another search
         assert "incumbent" not in meter.describe()
         assert "at most 5 s left" in meter.describe()
+        meter.report("verify", 0.0)  # what follows a search takes the time that it takes
+        meter.report("report", 0.0)
+        assert "left" not in meter.describe()
     report_search(3.0)  # nobody observes it
     assert meter.search.incumbent is None
 

@@ -45,7 +45,7 @@ def suggest_knowledge(plan: ClimbPlan, seed: int, worlds: int) -> str:
             overrides_text = ", ".join(_format_distribution(name, changed) for name in names)
             return f"{overrides_text} ({risk.stands} then)"
     return (
-        "more than knowing all that is uncertain twice as well: rougher walls or stronger motors "
+        "more than knowing all that is uncertain twice as well: higher friction or stronger motors "
         f"(least S_tau {plan.forces.safety_torque.min():.2f})"
     )
 

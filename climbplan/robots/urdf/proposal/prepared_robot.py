@@ -227,8 +227,9 @@ class PreparedRobot:
         if missing := draft.missing_meshes:
             more = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
             assumptions.append(
-                f"collision meshes without a file are left out: {missing[0]}{more}; `packages` "
-                "says where they are"
+                f"collision meshes without a file are left out: {missing[0]}{more}, so that sizes "
+                "of feet, links and body are guesses: copy the folders of meshes that belong to "
+                "the URDF, or name their package's folder in ROS_PACKAGE_PATH, and propose again"
             )
         if not self.naming.is_by_place:
             assumptions.append(

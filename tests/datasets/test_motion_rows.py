@@ -14,7 +14,10 @@ import yaml
 from scenes import SharedFolders
 from toy_rows import FRAME
 
+import climbplan
 from climbplan.cli.app import run
+from climbplan.climb.schema.loading import LoadedClimb
+from climbplan.datasets.motions.motion_trial import time_by_dynamics
 from climbplan.datasets.motions.scenes import (
     NO_ROBOT,
     SceneFamilies,
@@ -32,6 +35,7 @@ from climbplan.errors import SpecError, UsageError
 from climbplan.motions.measure import measure_motion
 from climbplan.motions.motion_file import read_motion_file
 from climbplan.scan.courses import make_slope
+from climbplan.schema.loaded import LoadedSpec
 from climbplan.store.dataset import Dataset, DatasetFrame, build_solution_layout
 from climbplan.store.dataset_file import read_dataset_file, write_dataset_file
 from climbplan.store.dataset_row import Row, RowAnswer, build_dataset, derive_seed
@@ -107,6 +111,18 @@ def test_specs_are_those_of_robot_and_ground(tmp_path: Path) -> None:
     assert yaml.safe_load(whole.load(walls, tmp_path).text)["terrain"]["friction"] == 1.1
 
 
+def test_dynamics_time_climbs_and_leave_walks() -> None:
+    climb = climbplan.load_spec(ROOT / "specs" / "climb_walker.yaml")
+    assert isinstance(climb, LoadedClimb)
+    timed = time_by_dynamics(climb)
+    assert isinstance(timed, LoadedClimb)
+    assert climb.spec.trajectory.pace is None
+    assert timed.spec.trajectory.pace == "fastest"
+    walk = climbplan.load_spec(ROOT / "specs" / "mpc_forward.yaml")
+    assert isinstance(walk, LoadedSpec)
+    assert time_by_dynamics(walk) is walk
+
+
 def test_scans_are_walked_over_at_their_own_heights(tmp_path: Path) -> None:
     scans = tmp_path / "scans"
     scans.mkdir()
@@ -165,10 +181,13 @@ def _make_row(index: int, path: str) -> Row:
 
 def test_files_are_kept_with_their_rows(tmp_path: Path) -> None:
     rows = ShardStore(tmp_path, FILES, "this run", 3, 2)
+    with pytest.raises(UsageError, match="no rows in it"):
+        rows.read_rows()
     rows.add([_make_row(0, "motions/a.npz"), _make_row(2, "motions/c.npz")])
     assert (tmp_path / "motions" / "a.npz").read_bytes() == b"motion"
     again = ShardStore(tmp_path, FILES, "this run", 3, 2)
     assert again.find().rows == {0, 2}
+    assert again.read_rows().row.tolist() == [0, 2]
     again.add([Row(1, 1, np.array([1.0, 0.5]), RowAnswer("limit", "no plan"))])
     data = again.dataset()
     assert data.solution["motion"].tolist() == ["motions/a.npz", "", "motions/c.npz"]

@@ -11,6 +11,7 @@ from climbplan.climb.schema.transition_loading import LoadedTransition
 from climbplan.errors import UsageError
 from climbplan.motions.tracked_motion import TrackedMotion
 from climbplan.schema.loaded import LoadedSpec
+from climbplan.schema.overrides import Override
 from climbplan.simulation.conditions import NOMINAL
 from climbplan.walking.schema.loading import LoadedMpc
 
@@ -64,6 +65,13 @@ def plan_motion(loaded: LoadedSpec, path: Path) -> VerifiedMotionPlan:
                 "robot moves by"
             )
     return VerifiedMotionPlan(path, status, objection, time.process_time() - begin)
+
+
+def time_by_dynamics(loaded: LoadedSpec) -> LoadedSpec:
+    """Return a climb or transition that is as fast as its dynamics allow; others unchanged."""
+    if not isinstance(loaded, LoadedClimb | LoadedTransition):
+        return loaded
+    return loaded.with_overrides([Override("trajectory.pace", "fastest", "problem.pace")])
 
 
 def _plan_climb(loaded: LoadedClimb | LoadedTransition, path: Path) -> tuple[str, str]:

@@ -25,6 +25,7 @@ from climbplan.datasets.motions.motion_trial import (
     plan_motion,
     read_motion,
     simulate_motion,
+    time_by_dynamics,
 )
 from climbplan.datasets.motions.scenes import SceneFamilies, SceneSample
 from climbplan.errors import ClimbplanError, Infeasible, NoPlanFound
@@ -62,7 +63,7 @@ class MotionForm:
     """How motions are written."""
 
     rate: float  # [Hz] of samples
-    pace: str  # "planned" or "fastest"
+    pace: str  # "planned", "fastest" or "dynamic"
     keeps_plans: bool  # whether plan files are among the files of a row
 
 
@@ -117,6 +118,8 @@ class MotionRows:
 
     def _run(self, sample: SceneSample, folder: Path) -> RowAnswer:
         loaded = self._families.load(sample, folder)
+        if self._form.pace == "dynamic":
+            loaded = time_by_dynamics(loaded)
         planned = plan_motion(loaded, folder / f"{sample.name}.h5")
         if planned.objection:
             return RowAnswer("failed", f"the plan {planned.objection}")

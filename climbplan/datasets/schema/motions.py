@@ -224,11 +224,12 @@ class MotionsProblemSpec(SpecModel):
     )
     scenes: tuple[AnyScene, ...] = Field(min_length=1, description="families that rows draw from")
     rate: Number = quantity("Hz", "sample rate of the motions", default=50.0, gt=0, le=2000)
-    pace: Literal["planned", "fastest"] = Field(
+    pace: Literal["planned", "fastest", "dynamic"] = Field(
         default="planned",
         description="`planned`: the speed of the plan; `fastest`: climbs of robots from URDFs are "
         "played as fast as inverse dynamics allow and they stand in MuJoCo without a slip, with "
-        "contact forces solved again",
+        "contact forces solved again; `dynamic`: climbs are planned with `trajectory.pace: "
+        "fastest`, so that each part of a motion is as fast as its own dynamics allow",
     )
     plans: bool = Field(
         default=True, description="whether a plan file is kept beside each motion, for films"

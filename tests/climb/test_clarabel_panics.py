@@ -57,6 +57,16 @@ def test_only_the_text_of_a_panic_is_dropped(
     assert capfd.readouterr().err == "a line of another thread\n"
 
 
+def test_standard_error_may_be_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(descriptor: int) -> int:
+        raise OSError(f"bad file descriptor {descriptor}")
+
+    monkeypatch.setattr(clarabel, "DefaultSolver", Panicking)
+    monkeypatch.setattr(os, "dup", fail)
+    monkeypatch.setattr(os, "write", lambda descriptor, text: len(text))
+    assert solve_with_clarabel() is None
+
+
 def test_ctrl_c_is_none_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clarabel, "DefaultSolver", Interrupted)
     with pytest.raises(KeyboardInterrupt):

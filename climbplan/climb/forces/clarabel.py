@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -48,6 +49,14 @@ def build_clarabel_settings(robust: bool = False) -> clarabel.DefaultSettings:
 _redirecting = threading.Lock()  # the file descriptor belongs to all threads
 
 
+def _open_scratch_file() -> int:
+    """Return the descriptor of a file without a name, in memory where the system has such files."""
+    if hasattr(os, "memfd_create"):
+        return os.memfd_create("stderr")
+    with tempfile.TemporaryFile() as file:
+        return os.dup(file.fileno())
+
+
 @contextmanager
 def _drop_panic_message() -> Iterator[None]:
     """Keep back standard error, and drop what is written to it before an exception.
@@ -58,7 +67,12 @@ def _drop_panic_message() -> Iterator[None]:
     with _redirecting:
         if sys.stderr is not None:
             sys.stderr.flush()
-        original, kept_back = os.dup(2), os.memfd_create("stderr")
+        try:
+            original = os.dup(2)
+        except OSError:  # standard error is closed
+            yield
+            return
+        kept_back = _open_scratch_file()
         try:
             os.dup2(kept_back, 2)
             yield

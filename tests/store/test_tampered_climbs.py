@@ -151,6 +151,10 @@ TAMPERED: dict[str, tuple[Change, set[str]]] = {
         spec_instead("friction: 1.1", "friction: 1"),
         TERRAIN,
     ),
+    "spec asks for a pace": (
+        asking("trajectory: {pace: fastest}\n"),
+        {"file.spec_values", "trajectory.dynamics"},
+    ),
     "spec has another robot": (spec_instead("hexapod", "silvia"), {"robot.spec"}),
     "spec is none": (spec_with("kind: climb\n"), {"file.spec_values"}),
     "objective": (lambda file: scale_attribute(file, "objective", 1.01), {"file.objective"}),

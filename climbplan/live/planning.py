@@ -22,6 +22,7 @@ from typing import Any, Self
 
 from climbplan.errors import UsageError
 from climbplan.progress import INTERVAL_VARIABLE
+from climbplan.schema.source import NAME_VARIABLE
 
 # By kind of spec: the kinds that plans are made of
 COMMANDS = {
@@ -184,7 +185,11 @@ class Planner:
         child = subprocess.Popen(
             command,
             cwd=self.folder,
-            env={**os.environ, INTERVAL_VARIABLE: str(_PROGRESS_INTERVAL)},
+            env={
+                **os.environ,
+                INTERVAL_VARIABLE: str(_PROGRESS_INTERVAL),
+                NAME_VARIABLE: f"live_{run.number}",
+            },
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import os
 import stat
 import sys
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from typing import BinaryIO
 
 from climbplan.errors import SpecError, SpecMistake
 
+NAME_VARIABLE = "CLIMBPLAN_SPEC_NAME"  # environment variable: name of a spec on standard input
 LARGEST_SPEC = 5_000_000  # [bytes]
 HDF5_SIGNATURE = b"\x89HDF\r\n\x1a\n"
 
@@ -20,7 +22,7 @@ class SourceText:
     """What was read, and the names it goes by."""
 
     shown: str  # as in messages
-    name: str  # file stem, "stdin" for standard input
+    name: str  # file stem; of standard input "stdin" or what NAME_VARIABLE says
     directory: Path  # that relative paths in the text start from
     text: str
 
@@ -28,12 +30,15 @@ class SourceText:
 def read_source(source: str | Path) -> SourceText:
     """Read a spec from a file, or from standard input if `source` is `-`.
 
+    Who writes to standard input may name the spec by the environment variable NAME_VARIABLE.
+
     Raises:
         SpecError: nothing is there, it is a directory, too large, empty, a plan, or not UTF-8.
     """
     if str(source) == "-":
-        content = _read_bounded(sys.stdin.buffer, "stdin")
-        return SourceText("stdin", "stdin", Path.cwd(), _decode_text(content, "stdin"))
+        name = os.environ.get(NAME_VARIABLE) or "stdin"
+        content = _read_bounded(sys.stdin.buffer, name)
+        return SourceText(name, name, Path.cwd(), _decode_text(content, name))
     path = Path(source)
     label = str(path)
     try:

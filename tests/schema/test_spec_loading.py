@@ -15,6 +15,7 @@ from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.loading import load_spec
 from climbplan.schema.robots.robot import RobotSpec
 from climbplan.schema.robots.source import list_builtin_robots, load_robot, read_robot_text
+from climbplan.schema.source import NAME_VARIABLE
 
 MANY_MISTAKES = """\
 s.yaml:5: terrain.friction: missing, expected a number > 0: friction coefficient where a region has none
@@ -61,6 +62,10 @@ def test_standard_input(small_climb: str, monkeypatch: pytest.MonkeyPatch) -> No
     loaded = load_climb("-")
     assert (loaded.name, loaded.source) == ("stdin", "stdin")
     assert loaded.directory == Path.cwd()
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(small_climb.encode())))
+    monkeypatch.setenv(NAME_VARIABLE, "live_3")  # who writes there may name it
+    loaded = load_climb("-")
+    assert (loaded.name, loaded.source) == ("live_3", "live_3")
 
 
 def test_robot_beside_the_spec(tmp_path: Path, small_climb: str) -> None:

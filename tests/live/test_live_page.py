@@ -95,6 +95,8 @@ def test_a_plan_is_shown_with_checks_and_replay(browser: Browser, tmp_path: Path
     assert browser.evaluate("document.querySelectorAll('#replays iframe').length") == 1
     browser.emulate(width=390, height=844, phone=True, dark=True)
     assert browser.evaluate("document.documentElement.scrollWidth") <= 390
+    browser.evaluate("scrollTo(0, 0); finish(runs.at(-1))")  # there the plan is below the editor
+    browser.wait_for("scrollY > 0")
     browser.picture(tmp_path / "phone.png")
     assert (tmp_path / "phone.png").stat().st_size > 10_000
     assert browser.console == []

@@ -257,6 +257,8 @@ function finish(run) {
   tell(`plan ${run.number}: ${describeOutcome(run)} after ${run.seconds.toFixed(1)} s`);
   noteRun(run);
   show(run.number);
+  // On a narrow screen the plan is below the editor
+  if (matchMedia("(max-width: 900px)").matches) el("runs").scrollIntoView({ block: "start" });
 }
 
 const OUTCOMES = { fine: "fine", look: "look at this", do_not_use: "do not use" };

@@ -15,7 +15,7 @@ from climbplan.climb.proposed.proposed import format_file_name, plan_proposal
 from climbplan.climb.simulation.risk.sampling import sample_worlds
 from climbplan.climb.simulation.risk.suggestions import suggest_knowledge
 from climbplan.errors import UsageError
-from climbplan.reports.robot_page import build_robot_page
+from climbplan.reports.robot_page import PlannedTask, build_robot_page
 from climbplan.robots.urdf.proposal.propose_robot import propose_robot, read_tree
 from climbplan.robots.urdf.proposal.robot_document import format_robot_document, format_urdf_path
 from climbplan.walking.planner.proposed_walk import ProposedWalk, plan_proposed_walk
@@ -97,18 +97,22 @@ def new_robot(
     notes = [f"implausible: {text}" for text in proposal.implausible]
     notes += [f"assumed: {text}" for text in proposal.assumptions]
     notes += [str(outcome) for outcome in outcomes]
-    badges = [
-        (
-            proposed.what if proposed.plan is not None else f"not found: {proposed.what}",
-            proposed.plan is not None,
-        )
-        for proposed in outcomes
-    ]
+    badges = [_describe_for_page(outcome) for outcome in outcomes]
     visual_geometry = load_visual_geometry(proposal.draft.load_robot(), proposal.robot, _TRIANGLES)
     page = {
         f"{planned.name}.html": build_robot_page(proposal, planned.brace, badges, visual_geometry)
     }
     return NewRobot(planned.name, planned.files | walks | page, tuple(notes))
+
+
+def _describe_for_page(outcome: SpecOutcome | ProposedWalk) -> PlannedTask:
+    """Return what the robot's page says of a planned spec."""
+    if outcome.plan is None:
+        return PlannedTask(f"not found: {outcome.what}", "bad", str(outcome))
+    has_reservation = isinstance(outcome, SpecOutcome) and (
+        bool(outcome.implausible) or (outcome.sample is not None and not outcome.sample.enough)
+    )
+    return PlannedTask(outcome.what, "part" if has_reservation else "good", str(outcome))
 
 
 class _NewRobotProgress:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,10 +22,18 @@ _JOINTS = ("leg", "joint", "bounds [deg]", "standing [deg]", "torque [N m]", "sp
            "stiffness [N m/rad]")  # fmt: skip
 
 
+class PlannedTask(NamedTuple):
+    """A spec that uses the robot, as its page shows it."""
+
+    badge: str  # "walks on ground"
+    colour: str  # "good"; "part" of a plan that falls in too many worlds; "bad" without a plan
+    sentence: str  # what became of it
+
+
 def build_robot_page(
     proposal: RobotProposal,
     brace: LeggedPosture | None,
-    outcomes: Sequence[tuple[str, bool]],
+    outcomes: Sequence[PlannedTask],
     visual_geometry: VisualGeometry | None = None,
 ) -> str:
     """Return the page of a proposed robot.
@@ -32,7 +41,7 @@ def build_robot_page(
     Args:
         proposal: The robot with what was assumed for it.
         brace: Posture between walls; None where the robot has none.
-        outcomes: For each spec that uses the robot what became of it, and whether it is a plan.
+        outcomes: What became of each spec that uses the robot.
         visual_geometry: Visual geometry of the URDF for the pictures; None draws links as lines.
     """
     robot = proposal.robot
@@ -52,12 +61,11 @@ def build_robot_page(
         images[title] = render_png(draw_robot_picture(braced, title, visual_geometry))
     notes = [("IMPLAUSIBLE", text) for text in proposal.implausible]
     notes += [("ASSUMED", text) for text in proposal.assumptions]
-    is_whole = all(good for _, good in outcomes)
     fields = build_frame_fields(
         robot.name,
         ("robot",),
-        tuple(outcome_text for outcome_text, _ in outcomes),
-        is_whole,
+        (),
+        all(outcome.colour != "bad" for outcome in outcomes),
         _build_cards(proposal),
         images,
     )
@@ -67,6 +75,7 @@ def build_robot_page(
         **fields,
         verdict=verdict,
         notes=notes,
+        outcomes=tuple(outcomes),
         joints=Table.of(_JOINTS, _build_joint_rows(proposal)),
         links=Table.of(("carried by", "mass [kg]", "links"), _build_link_rows(proposal)),
     )

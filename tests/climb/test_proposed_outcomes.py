@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from climbplan.api.new_robot import _describe_for_page
 from climbplan.climb.plan.world_sample import WorldSample, compute_wilson_interval
 from climbplan.climb.proposed import proposed
 from climbplan.climb.proposed.outcome import SpecOutcome
@@ -131,3 +132,12 @@ def test_another_standing_posture_is_taken_where_the_first_falls(
     assert planned == postures[:num_planned]
     assert trials.proposal is postures[chosen]
     assert trials.ground.sample == outcome(0.4, falls[chosen]).sample
+
+
+def test_the_page_of_a_robot_marks_each_task_by_its_outcome() -> None:
+    none = SpecOutcome("climbs", None, "no posture")
+    odd = outcome(1.0, 0, implausible=("the body sags by 20 degrees",))
+    tasks = [_describe_for_page(one) for one in (outcome(0.4, 1), outcome(0.4, 60), odd, none)]
+    assert [task.colour for task in tasks] == ["good", "part", "part", "bad"]
+    assert [task.badge for task in tasks] == ["climbs", "climbs", "climbs", "not found: climbs"]
+    assert tasks[1].sentence == str(outcome(0.4, 60))

@@ -15,14 +15,16 @@ from climbplan.climb.check.anew.inertia import compute_inertia
 from climbplan.climb.check.anew.kinematics import compute_body_axes
 from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.exports.tracked_motion import build_tracked_motion
+from climbplan.climb.motion import retiming
 from climbplan.climb.plan.climb_plan import ClimbPlan, Trajectory
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb, load_text
-from climbplan.errors import SpecError
+from climbplan.errors import SpecError, Unresolved
 from climbplan.mechanics.inertia import CarriedMass, compute_inertial_load
 from climbplan.motions.completion import read_robot
 from climbplan.motions.measure import measure_motion
+from climbplan.motions.pace import build_pyramids
 from climbplan.robots.any_robot import build_robot
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
@@ -225,3 +227,12 @@ def test_a_box_and_its_load_take_force_and_moment() -> None:
     expected = [-2 * (robot.mass + 2), 0, 0, 0, 0, -3 * inertia]
     np.testing.assert_allclose(load.wrench[2], expected, atol=1e-6)
     assert not load.torque.any()
+
+
+def test_forces_at_their_limits_have_no_pace(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without friction, feet between walls hold nothing; the reason is the planned forces'."""
+    monkeypatch.setattr(
+        retiming, "build_pyramids", lambda n, mu, f, s: build_pyramids(n, 0.0 * mu, 0.0 * f, s)
+    )
+    with pytest.raises(Unresolved, match="no contact forces within friction and torque limits"):
+        plan_climb(load_climb(SPECS / "climb_walker.yaml", SHORT))

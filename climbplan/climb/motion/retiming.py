@@ -45,7 +45,7 @@ from climbplan.robots.model import Robot
 
 _MIN_SAMPLES = 10  # of a segment that moves
 _NUM_RESTING = 2  # samples in addition, one at each end
-_RESERVE = 0.95  # of the fastest pace
+_RESERVE = 0.75  # of the fastest pace
 _MAX_ROUNDS = 20  # of longer segments
 _LONGER = 1.05  # factor on durations at least
 _TORQUE_MARGIN = 1e-6  # of torques that planned forces need beyond a limit
@@ -59,7 +59,7 @@ class _SafetyFactors(NamedTuple):
     torque: float
 
 
-_SAFETY_FACTORS = (_SafetyFactors(1.2, 1.1), _SafetyFactors(1.0, 1.0))  # in the order of trials
+_SAFETY_FACTORS = (_SafetyFactors(1.5, 1.2), _SafetyFactors(1.0, 1.0))  # in the order of trials
 
 
 @dataclass(frozen=True)
@@ -250,9 +250,12 @@ def _compute_sample_factors(sampled: _PacedSamples) -> Array:
     problem, fastest = sampled.problem, 1 / _RESERVE
     is_moving = np.abs(problem.inertial_load).max(axis=1) > 0
     factor = np.ones(len(sampled.segment))
-    for sample in np.flatnonzero(is_moving):
-        pace = problem.find_sample_pace(int(sample), fastest)
-        factor[sample] = np.inf if pace == 0 else fastest / pace
+    for sample in range(len(factor)):
+        if is_moving[sample]:
+            pace = problem.find_sample_pace(sample, fastest)
+            factor[sample] = np.inf if pace == 0 else fastest / pace
+        elif problem.solve(sample, 1.0) is None:
+            factor[sample] = np.inf
     return factor
 
 
@@ -277,9 +280,8 @@ def _build_trajectory(scene: MotionScene, sampled: _PacedSamples, rate: float) -
     """Return the trajectory with forces that move the links, whose samples all have some."""
     robot, problem, states, joints = scene.robot, sampled.problem, sampled.states, sampled.joints
     assert problem.planned_force is not None
-    force = np.array(
-        [problem.solve(sample, 1.0) for sample in range(len(sampled.segment))], dtype=float
-    )
+    solutions = (problem.solve(sample, 1.0) for sample in range(len(sampled.segment)))
+    force = np.array([solution for solution in solutions if solution is not None])
     contact_torque, planned_torque = (
         problem.weight
         * np.einsum("sica,sca->si", problem.force_map[:, 6:], f).reshape(joints.angles.shape)

@@ -21,8 +21,8 @@ def mpc(
         name_option(
             "--methods",
             "NAMES",
-            "Tables, by commas: offline, envelopes, bounds, stones, ticks, strategies, recovery, "
-            "pushes [all].",
+            "Tables, by commas: offline, envelopes, bounds, stones, horizons, ticks, strategies, "
+            "recovery, pushes [all].",
         ),
     ] = None,
     count: Annotated[

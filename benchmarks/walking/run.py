@@ -9,6 +9,7 @@ from typing import Any, TextIO
 
 from benchmarks.walking.bounds import bound_table
 from benchmarks.walking.envelope_accuracy import accuracy_table
+from benchmarks.walking.horizons import horizon_table
 from benchmarks.walking.learned import strategy_table
 from benchmarks.walking.offline import offline_tables
 from benchmarks.walking.online import tick_tables
@@ -25,6 +26,7 @@ OFFLINE: dict[str, Section] = {
     "envelopes": lambda seed, quick, jobs, stream: accuracy_table(seed, quick, stream),
     "bounds": bound_table,
     "stones": stones_table,
+    "horizons": horizon_table,
 }
 ONLINE = ("ticks", "strategies", "recovery", "pushes")
 

@@ -296,13 +296,48 @@ def assemble_qp(
     Returns:
         The number of workspace rows.
     """
+    _linearise_motion(problem, point, toes, buffers)
+    _condense_states(problem, point, buffers)
+    _write_objective(problem.objective, problem.layout, buffers)
+    return _write_workspace_rows(problem, point, toes, buffers)
+
+
+@compiled
+def assemble_state_rows(
+    problem: QpProblem, point: LinearisationPoint, toes: Array, buffers: QpBuffers
+) -> int:
+    """Linearise the steps, and write the workspace rows over states that are unknowns themselves.
+
+    Args:
+        problem: the fixed-gait program; footholds begin at column 12.
+        point: point of linearisation.
+        toes: (N + 1, L, 3) its toes, world frame [m].
+        buffers: output; `states` are the first 12 columns at every knot.
+
+    Returns:
+        The number of workspace rows.
+    """
+    _linearise_motion(problem, point, toes, buffers)
+    return _write_workspace_rows(problem, point, toes, buffers)
+
+
+@compiled
+def _linearise_motion(
+    problem: QpProblem, point: LinearisationPoint, toes: Array, buffers: QpBuffers
+) -> None:
+    """Write the states one interval after each knot's, and their derivatives."""
     motion = ForcedMotion(point.state, toes, point.force)
     horizon = problem.horizon
     linearise_steps(
         problem.body, horizon.steps, horizon.use_mean, motion, buffers.after, buffers.jacobian
     )
-    _condense_states(problem, point, buffers)
-    _write_objective(problem.objective, problem.layout, buffers)
+
+
+@compiled
+def _write_workspace_rows(
+    problem: QpProblem, point: LinearisationPoint, toes: Array, buffers: QpBuffers
+) -> int:
+    """Write the rows of standing toes, then those of swinging ones; return their number."""
     count = _write_stance_rows(problem, point, toes, buffers)
     block = buffers.block
     following = QpRows(block.rows[count:], block.lower[count:], block.upper[count:])

@@ -45,7 +45,7 @@ from climbplan.walking.task.task import ANGLES, POSITION, STATE, Gait, WalkTask
 
 FACETS = 8
 FOOT_SCALE = 0.1  # [m] unit of the foothold unknowns
-_RIDGE = 1e-7  # curvature along directions that cost nothing
+RIDGE = 1e-7  # curvature along directions that cost nothing
 _SOLVED = 1
 _SOLVED_SOFTLY = 2
 _UNSOLVED = 0
@@ -259,7 +259,7 @@ class FixedContactProgram:
             horizon=self.horizon,
             placement=self.placement,
             objective=QpObjective(
-                self._reference, self._weight, weights.motion, self._force_hessian, _RIDGE
+                self._reference, self._weight, weights.motion, self._force_hessian, RIDGE
             ),
             layout=QpLayout(
                 self._columns, self.force_scale, FOOT_SCALE, self.foot_column, self.margin

@@ -10,6 +10,7 @@ from climbplan.arrays import Array
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.walking.offline.fixed_contact_qp import FixedContactProgram, WalkIterate
 from climbplan.walking.offline.footing import build_footing
+from climbplan.walking.offline.staged_qp import StagedContactProgram
 from climbplan.walking.task.task import POSITION, STATE, VELOCITY, Gait, WalkTask, WalkTrajectory
 
 CONVERGENCE_TOLERANCE = 1e-7  # largest change of a state
@@ -64,7 +65,8 @@ def solve_gait(
     Returns:
         The trajectory and its violation.
     """
-    program = FixedContactProgram(task, gait, margin)
+    kind = StagedContactProgram if StagedContactProgram.suits(task) else FixedContactProgram
+    program = kind(task, gait, margin)
     iterate = start if start is not None else guess_iterate(task, gait)
     has_converged, num_iterations, step_size, last_change = False, 0, 1.0, np.inf
     for num_iterations in range(1, iterations + 1):

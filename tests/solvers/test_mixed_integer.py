@@ -420,3 +420,35 @@ def test_costs_of_fixed_variables_leave_others_their_scale() -> None:
     result = solve_mixed_integer(p.instantiate())
     assert result.status == "optimal"
     assert result.objective == pytest.approx(-2.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("demand", "optimum"),
+    [
+        ((61.2, 112.0, 69.3, 90.5, 81.0, 90.7), 7860.7134),
+        ((158.0, 90.0, 79.0, 146.0, 85.0, 113.0), 10990.97),
+    ],
+)
+def test_leaves_on_which_the_active_set_fails_are_solved(
+    demand: tuple[float, ...], optimum: float
+) -> None:
+    """Unit commitment, whose start-ups cost nothing to second order: optima are SCIP's."""
+    steps, largest, smallest = len(demand), np.array([100, 80, 50.0]), np.array([30, 20, 10.0])
+    program = Program("unit commitment")
+    on = program.binary("on", (3, steps))
+    start = program.continuous("start", (3, steps), 0.0, 1.0)
+    power = program.continuous("power", (3, steps), 0.0, 120.0, unit="MW")
+    program.equal("balance", np.sum(power, axis=0) - np.array(demand), unit="MW")
+    program.between("largest", power - largest[:, None] * on, upper=0.0)
+    program.between("smallest", power - smallest[:, None] * on, lower=0.0)
+    program.between("starts", start[:, 1:] - on[:, 1:] + on[:, :-1], lower=0.0)
+    program.between("first", start[:, 0] - on[:, 0], lower=0.0)
+    linear, quadratic = np.array([10, 12, 18.0]), np.array([0.02, 0.03, 0.05])
+    fuel = np.sum(linear[:, None] * power) + np.sum(quadratic[:, None] * power**2)
+    fixed, started = np.array([200, 150, 80.0]), np.array([500, 300, 100.0])
+    program.minimise("fuel", fuel)
+    program.minimise("fixed", np.sum(fixed[:, None] * on) + np.sum(started[:, None] * start))
+    solution = solve_mixed_integer(program.instantiate({}))
+    assert solution.status == "optimal"
+    assert solution.objective == pytest.approx(optimum, rel=1e-4)
+    assert optimum * (1 - 1e-4) <= solution.bound <= optimum * (1 + 1e-9)

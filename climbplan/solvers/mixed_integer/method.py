@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from climbplan.program.instance import Instance
+from climbplan.solvers.convex.sessions import solve_convex
+from climbplan.solvers.fixed_integers import fix_integers
 from climbplan.solvers.mixed_integer import nodes as slots
 from climbplan.solvers.mixed_integer.certification import (
     certify_search,
@@ -30,9 +33,11 @@ from climbplan.solvers.result import (
     KnownResult,
     Proposal,
     SolverResult,
+    compute_closing_bound,
     judge_answer,
 )
 
+_MAX_RESOLVED = 2000  # leaves that an interior-point method solves again
 NAME = "branch-and-bound"
 
 
@@ -106,9 +111,8 @@ class WarmStartedTree(WarmStartedSolver):
         if isinstance(program, ProvedInfeasible):
             if self.proves:
                 self.certificate = certify_without_search(instance)
-            return judge_answer(
-                instance, _answer_infeasible(program.why, begin), self.gap, self.tolerance
-            )
+            infeasible = _answer_infeasible(program.why, begin)
+            return judge_answer(instance, infeasible, self.gap, self.tolerance)
         leaves = self.warm_start.select_start(form, move)
         warm_started = leaves is not None and len(leaves.low) > 1
         run = TreeRun.create(program, self.gap, self.tolerance, leaves, self.work)
@@ -127,12 +131,57 @@ class WarmStartedTree(WarmStartedSolver):
             run.run_until(deadline, nodes)
         self.warm_start.store(run, form, leaves, warm_started, run.recover_incumbent(), self.work)
         if self.proves:
-            no_factors = np.zeros(0, np.int64)
-            tree = SearchedTree(instance, form, run.program, run.search, run.tree, no_factors)
+            tree = SearchedTree(instance, form, run.program, run.search, run.tree, np.zeros(0, int))
             proof_limit = compute_proof_deadline(begin, deadline)
             self.certificate = certify_search(instance, tree, run.bound, proof_limit)
         answer = build_answer(instance, form, run, begin, known_result)
+        if not self.proves:  # a certificate has the bounds of the search alone
+            answer = _resolve_given_up_leaves(instance, form, run, answer, deadline)
         return judge_answer(instance, answer, self.gap, self.tolerance)
+
+
+def _resolve_given_up_leaves(
+    instance: Instance, form: IndicatorForm, run: TreeRun, answer: Answer, deadline: float
+) -> Answer:
+    """Return an answer with the leaves solved on which the active-set method lost accuracy.
+
+    All integers of such a leaf are fixed. An interior-point method solves it, best bound first; its
+    bound follows from its multipliers. A claim that a leaf is infeasible is not used.
+
+    Args:
+        instance: The instance.
+        form: Its indicator form.
+        run: The search, which gave up leaves.
+        answer: The answer of the search.
+        deadline: Time of `time.perf_counter` [s].
+    """
+    tree, program, gap = run.tree, run.program, float(run.search.scalars[slots.GAP])
+    num_nodes = run.search.counters[slots.NUM_NODES]
+    state, bounds = tree.state[:num_nodes], tree.bound[:num_nodes].copy()
+    given_up = np.flatnonzero(state == slots.GIVEN_UP)
+    if not len(given_up):
+        return answer
+    x, cost = answer.x, np.inf if answer.x is None else instance.objective(answer.x)
+    num_resolved = 0
+    for leaf in given_up[np.argsort(bounds[given_up])][:_MAX_RESOLVED]:
+        if time.perf_counter() >= deadline:
+            break
+        if bounds[leaf] >= compute_closing_bound(cost, gap, program.zero_cost):
+            break
+        point = program.recover_point(np.zeros(program.size), tree.low[leaf])
+        chosen = form.decode_alternatives(point)
+        solution = solve_convex(fix_integers(instance, point[: instance.size], chosen))
+        if solution.x is None or solution.objective is None:
+            continue
+        num_resolved += 1
+        bounds[leaf] = max(bounds[leaf], solution.bound)
+        if solution.objective < cost:
+            x, cost = solution.x, solution.objective
+            answer = replace(answer, x=x, assignment=chosen)
+    leaves = (state != slots.BRANCHED) & (state != slots.EMPTY_NODE)
+    bound = max(answer.bound, min(float(bounds[leaves].min(initial=np.inf)), cost))
+    log = f"{num_resolved} of {len(given_up)} leaves were solved by an interior-point method"
+    return replace(answer, bound=bound, log=(*answer.log, log))
 
 
 def build_answer(
@@ -161,7 +210,9 @@ def build_answer(
     if run.is_full:
         log.append(f"nodes fill {1e-6 * MEMORY:.0f} MB")
     if counters[slots.NUM_UNPROVED]:
-        log.append(f"{counters[slots.NUM_UNPROVED]} leaves could not be solved to the end")
+        log.append(
+            f"{counters[slots.NUM_UNPROVED]} leaves could not be solved to the end by active sets"
+        )
     if x is None and run.proves_infeasible:
         log.append(INFEASIBLE_MESSAGE)
     return Answer(

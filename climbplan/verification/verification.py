@@ -18,6 +18,7 @@ from climbplan.verification.check import Check, LeftOut
 from climbplan.verification.held import Against
 from climbplan.verification.level import Level, advice_of, level_of
 
+_NUM_OPEN = 12  # checks of a notebook's table that are seen without unfolding it
 _HEAD = ("check", "residual", "limit", "unit", "", "margin", "worst at")
 _NUMERIC = {1, 2}
 _MARKS = {"passed": "ok", "failed": "FAILED", "not judged": "not judged"}
@@ -210,7 +211,10 @@ class Verification:
         return f"<Verification: {self.badge}; {self.level.label}; {self.headline()}>"
 
     def _repr_html_(self) -> str:
-        """Return the table as HTML: failed checks first, then those nearest to their limits."""
+        """Return the table as HTML: failed checks first, then those nearest to their limits.
+
+        Further checks than `_NUM_OPEN` that passed are folded.
+        """
         rows = sorted(self.checks, key=lambda check: (check.passed, -check.used))
         cells = [
             (check.mark, check.name, f"{check.residual:.1e} {check.unit}", check.margin, place)
@@ -218,12 +222,17 @@ class Verification:
         ]
         names = ("", "check", "residual", "margin", "worst at")
         head = "".join(f"<th>{name}</th>" for name in names)
-        body = "".join(
-            f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in cells
+        lines = [f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in cells]
+        num_open = max(_NUM_OPEN, len(self.failed))
+        first, folded = (
+            f"<table><tr>{head}</tr>{''.join(rows_shown)}</table>"
+            for rows_shown in (lines[:num_open], lines[num_open:])
         )
+        num_folded = len(lines[num_open:])
+        if num_folded:
+            first += f"<details><summary>{num_folded} further checks</summary>{folded}</details>"
         summary = escape(f"{self.level.label}: {self.badge}; {self.headline()}")
-        table = f"<table><tr>{head}</tr>{body}</table>"
-        return f'<p><b>{summary}</b></p><div style="overflow-x:auto">{table}</div>'
+        return f'<p><b>{summary}</b></p><div style="overflow-x:auto">{first}</div>'
 
     def scope(self) -> dict[str, Any]:
         """Return what the badge says, as plain values for JSON: of reports and of `as_dict`."""

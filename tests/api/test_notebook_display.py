@@ -58,6 +58,7 @@ def test_a_verification_lists_the_worst_first(plan: climbplan.Plan) -> None:
     places = {check.name: page.index(f"<td>{check.name}</td>") for check in checked.checks}
     assert min(places, key=places.__getitem__) == checked.tightest.name
     assert '<div style="overflow-x:auto"><table>' in page  # narrow windows scroll the table alone
+    assert page.index("49 further checks") > page.index("<details>") > places["force.friction"]
     assert repr(checked).startswith("<Verification: verified; fine; 61 checks")
     failed = plan.verify(SPEC, {"force.safety_friction": 2.0})
     assert failed._repr_html_().index("<td>failed</td>") < failed._repr_html_().index("<td>passed")

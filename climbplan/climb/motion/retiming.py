@@ -47,7 +47,7 @@ _MIN_SAMPLES = 10  # of a segment that moves
 _NUM_RESTING = 2  # samples in addition, one at each end
 _RESERVE = 0.75  # of the fastest pace
 _MAX_ROUNDS = 20  # of longer segments
-_LONGER = 1.05  # factor on durations at least
+_LONGER, _LONGEST = 1.05, 2.0  # factor on durations that are too short, in one round
 _TORQUE_MARGIN = 1e-6  # of torques that planned forces need beyond a limit
 _MOMENT_WEIGHT = 1e-3  # of differences at corners of soles, in comparison with those of wrenches
 
@@ -105,7 +105,8 @@ def _time_segments(
         trajectory = None
         if (factor <= 1).all():
             trajectory = _build_trajectory(scene, sampled, rate)
-            factor = _compute_joint_factors(scene.robot, trajectory.joint_command, rate)
+            planned = sampled.joints.command
+            factor = _compute_joint_factors(scene.robot, trajectory.joint_command, planned, rate)
             if (factor <= 1).all():
                 return trajectory
         count = _lengthen_segments(sampled, count, factor)
@@ -259,12 +260,21 @@ def _compute_sample_factors(sampled: _PacedSamples) -> Array:
     return factor
 
 
-def _compute_joint_factors(robot: Robot, command: Array, rate: float) -> Array:
-    """Return how much longer the segments of samples (S,) have to take by joint limits."""
+def _compute_joint_factors(robot: Robot, command: Array, planned: Array, rate: float) -> Array:
+    """Return how much longer the segments of samples (S,) have to take by joint limits.
+
+    Commands (S, N, J) differ from planned ones, which are within their bounds, by inertia. This
+    difference falls with the square of a duration.
+    """
     speed = np.abs(np.diff(command, axis=0, append=command[-1:])) * rate / robot.max_joint_speed
-    excess = np.maximum(robot.joint_lower - command, command - robot.joint_upper)
-    is_outside = excess.max(axis=(1, 2)) > BOUND_TOLERANCE
-    return np.maximum(speed.max(axis=(1, 2)), np.where(is_outside, _LONGER, 0.0))
+    factor = speed.max(axis=(1, 2))
+    for sign, bound in ((1.0, robot.joint_upper), (-1.0, robot.joint_lower)):
+        is_outside = sign * (command - bound) > BOUND_TOLERANCE
+        slack = np.maximum(sign * (bound - planned), BOUND_TOLERANCE)
+        ratio = np.sqrt(np.maximum(sign * (command - planned), 0.0) / slack)
+        longer = np.where(is_outside, np.clip(ratio, _LONGER, _LONGEST), 0.0)
+        factor = np.maximum(factor, longer.max(axis=(1, 2)))
+    return factor
 
 
 def _lengthen_segments(sampled: _PacedSamples, count: Array, factor: Array) -> Array:

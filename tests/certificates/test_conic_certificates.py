@@ -199,8 +199,11 @@ def test_cones_whose_limit_is_nowhere_positive_are_refuted() -> None:
 @pytest.mark.parametrize("seed", range(4))
 def test_any_multiplier_of_a_limit_bounds_feasible_points(seed: int) -> None:
     rng, instance = np.random.default_rng(seed), state_cone(-2.0)
-    points = rng.uniform(instance.lower, instance.upper, (20_000, 3))
-    feasible = points[[instance.violation(x) <= 0.0 for x in points]]
+    points = rng.uniform(instance.lower, instance.upper, (50_000, 3))
+    vector = points @ (3.0, -2.0, 0.0) + 1.0
+    feasible = points[np.abs(vector) <= points @ (2.0, -3.0, 3.0) - 2.0]
+    assert len(feasible)
+    assert instance.violation(feasible[0]) <= 0.0
     best = float((feasible @ instance.q).min())
     rows = build_stated_rows(instance)
     assert list(np.flatnonzero(np.isfinite(rows.lower) | np.isfinite(rows.upper))) == [0]

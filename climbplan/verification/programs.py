@@ -104,8 +104,8 @@ def _check_file(
     if_no_zero = np.array([relative_gap(f, b) for f, b, _ in triples])
     rounding = 1e-9 + ROUNDING / np.maximum(np.abs(objective), MIN_OBJECTIVE_SCALE)
     stored = plan.gap[answered_rows]
-    same = (np.abs(stored - reached) <= 1e-6 * reached + rounding) | (
-        np.abs(stored - if_no_zero) <= 1e-6 * if_no_zero + rounding
+    same = np.isclose(stored, reached, 1e-6, rounding) | np.isclose(
+        stored, if_no_zero, 1e-6, rounding
     )
     yield _check_worst("file.gap", np.where(same, 0.0, np.inf), 0.0, "", answered_rows)
     if isinstance(spec, ProgramSpec):

@@ -80,8 +80,11 @@ class Stages:
         report: Callable[[str, float], None] | None = None,
         jobs: int = 1,
         save_model: Path | None = None,
+        *,
+        seek_remedies: bool = True,
     ) -> FakePlan:
         assert report is not None
+        assert seek_remedies
         report("posture", 0.0)
         report("posture", 1.0)
         self.loaded, self.jobs, self.save_model = loaded, jobs, save_model

@@ -324,8 +324,8 @@ class Plan(Group):
             returns joint commands.
 
         Raises:
-            UsageError: the plan is no climb or transition, or its robot has grippers, flat feet or
-                five-bar legs.
+            UsageError: the plan is no climb or transition, is timed by its dynamics, or its robot
+                has grippers, flat feet or five-bar legs.
         """
         if self.kind not in ("climb", "transition"):
             raise UsageError(

@@ -388,6 +388,14 @@ def test_the_node_of_ros_2_commands_joints_in_their_order(
     assert "has no effort" in node.errors[0]
 
 
+def test_plans_timed_by_their_dynamics_are_refused(planned: Planned) -> None:
+    plan = planned()
+    torque = np.zeros_like(plan.trajectory.joint_command)
+    fast = replace(plan, trajectory=replace(plan.trajectory, torque=torque))
+    with pytest.raises(UsageError, match=r"timed by its dynamics \(trajectory\.pace\)"):
+        ClimbExecutive(fast)
+
+
 def test_settings_are_positive() -> None:
     with pytest.raises(UsageError, match="search_speed"):
         ExecutiveSettings(search_speed=0.0)

@@ -72,14 +72,11 @@ class ClimbExecutive:
             settings: Thresholds; None for the defaults.
 
         Raises:
-            UsageError: The robot has grippers, flat feet or five-bar legs.
+            UsageError: The robot has grippers, flat feet or five-bar legs, or the plan is timed by
+                its dynamics.
         """
+        _require_executable(plan)
         robot = plan.robot
-        if robot.gripper is not None or robot.sole is not None or compute_zero_pose(robot) is None:
-            raise UsageError(
-                f"{robot.name} has five-bar legs, grippers or flat feet: closed-loop execution "
-                "knows limbs whose joints move one after the other and toes that press"
-            )
         self._plan, self.robot = plan, robot
         self._settings = settings or ExecutiveSettings()
         self._tables = build_regulator_tables(plan)
@@ -485,3 +482,18 @@ class ClimbExecutive:
             elif shows_less:
                 self._seek_forces(self._stance, self._settings.blend_time)
                 self._pause = self._settings.blend_time
+
+
+def _require_executable(plan: ClimbPlan) -> None:
+    """Raise UsageError for plans that closed-loop execution does not know."""
+    robot = plan.robot
+    if plan.trajectory.is_paced:
+        raise UsageError(
+            f"{plan.name} is timed by its dynamics (trajectory.pace): closed-loop execution "
+            "measures forces at rest and needs a plan without a pace"
+        )
+    if robot.gripper is not None or robot.sole is not None or compute_zero_pose(robot) is None:
+        raise UsageError(
+            f"{robot.name} has five-bar legs, grippers or flat feet: closed-loop execution "
+            "knows limbs whose joints move one after the other and toes that press"
+        )

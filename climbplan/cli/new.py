@@ -95,6 +95,9 @@ def new(context: typer.Context, options: NewOptions) -> None:
     )
 
     kind, directory = options.kind, options.directory
+    if directory.is_file():
+        hint = f"; `climbplan new robot --urdf {directory}` proposes a robot" * (kind == "robot")
+        raise UsageError(f"{directory}: expected a directory to write into, got a file{hint}")
     if kind not in FIRST_EXAMPLE:
         raise UsageError(f"no spec kind {kind!r}, known are {', '.join(FIRST_EXAMPLE)}")
     name = options.example or FIRST_EXAMPLE[kind]

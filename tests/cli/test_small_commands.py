@@ -71,9 +71,17 @@ def test_new_keeps_what_is_there(run_command: RunCommand, workplace: Path) -> No
     assert "kind: robot" in (workplace / "silvia.yaml").read_text()
 
 
+def test_new_names_the_option_for_a_robot_file(run_command: RunCommand, workplace: Path) -> None:
+    (workplace / "go2.urdf").write_text("<robot/>")
+    refused = run_command("new", "robot", "go2.urdf")
+    assert refused.code == 2
+    assert "got a file; `climbplan new robot --urdf go2.urdf` proposes a robot" in refused.err
+    assert run_command("new", "climb", "go2.urdf").err.endswith("got a file\n")
+
+
 def test_new_refusals(run_command: RunCommand, workplace: Path) -> None:
     for arguments, fragment in (
-        (["climb", "small.yaml"], "cannot be created"),
+        (["climb", "small.yaml"], "expected a directory to write into, got a file"),
         (["climb", "/proc/x"], "cannot be created"),
         (["climb", "--example", "silvia"], "no example 'silvia' of kind 'climb'"),
     ):

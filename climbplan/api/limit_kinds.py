@@ -64,10 +64,7 @@ _BRACED = LimitKind(
         "task.goal.rotation_tolerance_deg",
         "risk",
     ),
-    check_tables=tuple(
-        f"climbplan.verification.check:{name}LIMITS"
-        for name in ("", "SHIFT_", "PACE_", "RISK_", "SCAN_", "FEET_", "SOLE_", "GRIP_")
-    ),
+    check_tables=("climbplan.verification.check:CLIMB_LIMITS",),
     without={"study": None},
 )
 LIMIT_KINDS = {

@@ -111,7 +111,12 @@ def compute_zero_cost(instance: Instance) -> float:
 
 
 def compute_closing_bound(objective: float, gap: float, zero_cost: float) -> float:
-    """Return the bound from which on an incumbent is optimal, which is below its objective."""
+    """Return the bound from which on an incumbent is optimal, which is below its objective.
+
+    It is infinite without an incumbent, whose objective is infinite.
+    """
+    if objective == np.inf:
+        return np.inf
     margin = gap * abs(objective)
     return objective - (max(margin, zero_cost) if abs(objective) <= zero_cost else margin)
 

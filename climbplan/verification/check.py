@@ -175,7 +175,8 @@ GRIP_LIMITS = {
     "trajectory.wrist_bounds": Limit(1e-6, "rad", "wrist angles on the way within bounds"),
 }
 
-_ALL_LIMITS = (
+# All checks of climbs and transitions.
+CLIMB_LIMITS = (
     LIMITS
     | SHIFT_LIMITS
     | PACE_LIMITS
@@ -262,7 +263,7 @@ def judge(
     name: str, residual: float, worst_at: str = "", margin: str = "", used: float = 0.0
 ) -> Check:
     """Return a check by its name in the tables of limits; NaN never passes."""
-    limit = _ALL_LIMITS[name]
+    limit = CLIMB_LIMITS[name]
     residual = float(residual) + 0.0  # no minus zero
     passed = bool(residual <= limit.value)  # False for NaN
     return Check(name, residual, limit.value, limit.unit, passed, margin, worst_at, float(used))

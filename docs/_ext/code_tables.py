@@ -17,16 +17,7 @@ from climbplan.limms.check.limits import LIMITS as MODULES
 from climbplan.limms.check.limits import MASS_LIMITS
 from climbplan.schema.renamed_keys import RENAMED_KEYS
 from climbplan.solvers.registry import BACKENDS
-from climbplan.verification.check import (
-    FEET_LIMITS,
-    GRIP_LIMITS,
-    LIMITS,
-    PACE_LIMITS,
-    RISK_LIMITS,
-    SCAN_LIMITS,
-    SHIFT_LIMITS,
-    SOLE_LIMITS,
-)
+from climbplan.verification.check import CLIMB_LIMITS
 from climbplan.walking.check.checker import LEG_LIMITS, LOOP_LIMITS, SCANNED_LIMITS
 from climbplan.walking.check.checker import LIMITS as WALK
 from climbplan.walking.check.plan_checks import LIMITS as WALK_PLAN
@@ -77,14 +68,7 @@ def api_page() -> str:
 def checks_page() -> str:
     """Every check by name, with what it lets pass."""
     kinds = {
-        "Climbs and transitions": LIMITS
-        | SHIFT_LIMITS
-        | PACE_LIMITS
-        | RISK_LIMITS
-        | GRIP_LIMITS
-        | SCAN_LIMITS
-        | FEET_LIMITS
-        | SOLE_LIMITS,
+        "Climbs and transitions": CLIMB_LIMITS,
         "Walks": {**WALK_PLAN, **WALK, **LEG_LIMITS, **SCANNED_LIMITS, **LOOP_LIMITS},
         "Modules": {**MODULES, **MASS_LIMITS},
         "Bookshelf": SHELF,

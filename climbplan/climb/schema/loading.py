@@ -75,23 +75,21 @@ def _load(text: SourceText, overrides: Sequence[str | Override]) -> LoadedClimb:
     return build_climb(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
 
 
-def load_planned_climb(
-    text: str, name: str, robot_texts: RobotTexts, overrides: Sequence[str | Override] = ()
-) -> LoadedClimb:
+def load_planned_climb(text: str, name: str, robot_texts: RobotTexts) -> LoadedClimb:
     """Check the spec of a plan, with the robot files that the plan carries.
 
     Args:
         text: The spec that the plan carries.
         name: Of the plan.
         robot_texts: Robot files that it carries.
-        overrides: Values of dotted keys.
 
     Raises:
         NotKept: The plan does not carry its robot, or not the meshes that it depends on.
         SpecError: Lists every mistake.
     """
-    document = apply_overrides(parse_yaml(text, name), overrides)
-    return build_climb(document, SourceText(name, name, Path.cwd(), text), robot_texts)
+    return build_climb(
+        parse_yaml(text, name), SourceText(name, name, Path.cwd(), text), robot_texts
+    )
 
 
 def build_climb(

@@ -104,6 +104,13 @@ class RecordedRun:
         """Number S of recorded samples."""
         return len(self.time)
 
+    @property
+    def end_time(self) -> float:
+        """Time of the end or fall [s]: of the plan, or of the robot that went on by another one."""
+        if self.execution is not None and self.execution.replans:
+            return self.execution.duration
+        return float(self.time[-1])
+
 
 class MujocoRun:
     """A MuJoCo model that follows a trajectory."""

@@ -89,7 +89,7 @@ def _describe_worst(worst: WorstWorld) -> str:
 def compute_end(study: SimulationStudy) -> SimulationEnd:
     """Compute how the nominal run ended; sliding or separating toes are not planned."""
     run, comparison = study.run, study.comparison
-    fall = float(run.time[-1]) if run.fallen else None
+    fall = run.end_time if run.fallen else None
     execution = run.execution
     return SimulationEnd(
         fall,
@@ -140,7 +140,7 @@ def _build_cards(study: SimulationStudy) -> list[Card]:
     cards = [
         Card(
             "End",
-            f"falls at {study.run.time[-1]:.1f} s" if study.run.fallen else "no fall",
+            f"falls at {study.run.end_time:.1f} s" if study.run.fallen else "no fall",
             reached_text,
         )
     ]
@@ -194,7 +194,7 @@ def _list_events(study: SimulationStudy) -> list[tuple[str, str]]:
             if event.kind in ("returned", "retreated", "stopped")
         ]
     if study.run.fallen:
-        events.append((float(study.run.time[-1]), "the robot falls"))
+        events.append((study.run.end_time, "the robot falls"))
     return [(f"{time:.1f} s", message) for time, message in sorted(events)]
 
 
@@ -210,7 +210,7 @@ def build_report_dict(study: SimulationStudy) -> dict[str, Any]:
         "conditions": convert_conditions(run.conditions),
         "fallen": run.fallen,
         "fell": run.fallen,
-        "fall_time": float(run.time[-1]) if run.fallen else None,
+        "fall_time": run.end_time if run.fallen else None,
         "time": float(run.time[-1]),
         "planned_time": float(plan.trajectory.time[-1]),
         "instants": {"planned": plan.instants.count, "reached": len(comparison.instant)},

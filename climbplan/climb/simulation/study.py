@@ -159,13 +159,13 @@ def _film_worst(plan: ClimbPlan, risk: RiskEstimate, base: Conditions) -> WorstW
 def format_headline(study: SimulationStudy) -> str:
     """Format the run in one line."""
     run, comparison = study.run, study.comparison
-    end_text = f"falls at {run.time[-1]:.1f} s" if run.fallen else "no fall"
+    end_text = f"falls at {run.end_time:.1f} s" if run.fallen else "no fall"
     if run.execution is not None:
         end_text += f" in closed loop, {run.execution.duration:.1f} s"
         for replan in run.execution.replans:
             end_text += f", {replan.reason}, goes on by a plan from there"
         if run.execution.stopped:
-            end_text += f", stops at {run.time[-1]:.1f} s: {run.execution.stopped}"
+            end_text += f", stops at {run.end_time:.1f} s: {run.execution.stopped}"
     error = comparison.torque_error
     if not len(comparison.instant):
         torque_text = "no instant reached"

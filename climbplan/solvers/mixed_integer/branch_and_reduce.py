@@ -106,8 +106,6 @@ class BranchAndReduce:
     @property
     def _cutoff(self) -> float:
         """Bound from which a node is closed."""
-        if np.isinf(self._best):
-            return np.inf
         gap = (1.0 - _SAFE) * self._gap
         return compute_closing_bound(self._best, gap, self.zero_cost)
 

@@ -50,11 +50,7 @@ def certify_search(
         float(tree.search.scalars[slots.INCUMBENT_COST]),
         float(tree.search.scalars[slots.GAP]),
     )
-    required_bound = (
-        compute_closing_bound(best, gap, compute_zero_cost(instance))
-        if np.isfinite(best)
-        else np.inf
-    )
+    required_bound = compute_closing_bound(best, gap, compute_zero_cost(instance))
     tolerance = min(_SHORTFALL, 0.1 * gap) * max(abs(bound), 1.0) if np.isfinite(bound) else 0.0
     return _Prover(instance, min(required_bound, bound - tolerance), deadline, tree).certify()
 

@@ -145,8 +145,9 @@ def _resolve_given_up_leaves(
 ) -> Answer:
     """Return an answer with the leaves solved on which the active-set method lost accuracy.
 
-    All integers of such a leaf are fixed. An interior-point method solves it, best bound first; its
-    bound follows from its multipliers. A claim that a leaf is infeasible is not used.
+    An interior-point method solves those whose integers are all fixed, so that its bound, which
+    follows from its multipliers, is that of the leaf. Least bounds come first. A claim that a leaf
+    is infeasible is not used.
 
     Args:
         instance: The instance.
@@ -158,7 +159,8 @@ def _resolve_given_up_leaves(
     tree, program, gap = run.tree, run.program, float(run.search.scalars[slots.GAP])
     num_nodes = run.search.counters[slots.NUM_NODES]
     state, bounds = tree.state[:num_nodes], tree.bound[:num_nodes].copy()
-    given_up = np.flatnonzero(state == slots.GIVEN_UP)
+    is_fixed = (tree.low[:num_nodes] == tree.high[:num_nodes]).all(axis=1)
+    given_up = np.flatnonzero((state == slots.GIVEN_UP) & is_fixed)
     if not len(given_up):
         return answer
     x, cost = answer.x, np.inf if answer.x is None else instance.objective(answer.x)

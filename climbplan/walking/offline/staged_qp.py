@@ -5,10 +5,10 @@
                 friction pyramids, force limits, regions, workspace boxes, goal
 
 Unknowns v are forces f_n of standing legs, free footholds p, and states x_1 to x_N. It is the QP of
-`fixed_contact_qp` before its states are eliminated, and the same functions write its rows. Its
-matrices have as many entries as there are knots, so that PIQP (Schwan et al. 2023) solves it in a
-time that is linear in the horizon. With states eliminated the time grows with the cube; over short
-horizons that is faster.
+`fixed_contact_qp` before it is condensed (its states eliminated); the same functions write its
+rows. Its matrices have as many entries as there are knots, so that PIQP (Schwan et al. 2023)
+solves it in a time that is linear in the horizon. The time of the condensed QP grows with the cube,
+but over short horizons it is faster.
 """
 
 from __future__ import annotations

@@ -104,8 +104,9 @@ class ClimbExecutive:
         self._stance = START  # instant whose forces are sought
         self._force_before, self._force_after = self._schedule.force[[0, 0]].copy()
         self._blend, self._blend_time = 1.0, 1.0
-        self._before = np.zeros_like(self._tables.command[0])  # commands before less these [rad]
-        self._handover = 0.0  # fraction of these that is left
+        # Offset from commands that held the robot before, and the fraction of it that is left
+        self._handover_offset = np.zeros_like(self._tables.command[0])  # [rad]
+        self._handover_fraction = 0.0
         start = self._solve_forces(START)
         if start is not None:  # otherwise as planned
             self._change_forces(start.force, 0.0)
@@ -165,9 +166,9 @@ class ClimbExecutive:
         self.contacts.force[:] = force
         self._change_forces(self._force_after, self._settings.pause)
         self._force_before = force.copy()
-        self._before = motor_command - self._carrying[0] - self._compute_command(0, 0.0, 0.0)
-        self._handover = 1.0
         self.command = motor_command - self._carrying[0]
+        self._handover_offset = self.command - self._compute_command(0, 0.0, 0.0)
+        self._handover_fraction = 1.0
         self.pause(2.0 * self._settings.pause)
 
     def pause(self, seconds: float) -> None:
@@ -212,9 +213,9 @@ class ClimbExecutive:
         index, fraction = self._schedule.locate(self.clock)
         after = min(index + 1, len(self._schedule.time) - 1)
         self.contacts.measure_pose(index, after if fraction > 0 else index, angles, self._touched)
-        self._handover = max(self._handover - seconds / self._settings.pause, 0.0)
+        self._handover_fraction = max(self._handover_fraction - seconds / self._settings.pause, 0.0)
         self.command = self._compute_command(index, fraction, seconds)
-        self.command += self._handover * self._before
+        self.command += self._handover_fraction * self._handover_offset
         return self.command
 
     def _compute_command(self, index: int, fraction: float, seconds: float) -> Array:

@@ -63,9 +63,8 @@ def replan_climb(plan: ClimbPlan, stance: MeasuredStance) -> ClimbPlan:
         raise UsageError(f"{plan.name} is a {plan.kind}: only climbs are planned anew")
     reasons: list[str] = []
     try:
-        measured = load_planned_climb(
-            plan.spec_text, plan.name, plan.robot_texts, _state_stance(plan, stance)
-        )
+        planned = load_planned_climb(plan.spec_text, plan.name, plan.robot_texts)
+        measured = planned.with_overrides(_state_stance(plan, planned.spec, stance))
     except (NotKept, SpecError) as error:
         raise UsageError(f"{plan.name} cannot be planned anew: {error}") from error
     for gait, rounds in _list_attempts(plan, stance):
@@ -90,7 +89,7 @@ def _try_plan(loaded: LoadedClimb) -> tuple[ClimbPlan | None, str]:
     return (replanned, "") if verification.passed else (None, verification.headline())
 
 
-def _state_stance(plan: ClimbPlan, stance: MeasuredStance) -> list[Override]:
+def _state_stance(plan: ClimbPlan, spec: ClimbSpec, stance: MeasuredStance) -> list[Override]:
     """Return what was measured as values of the plan's spec."""
     region = np.array(
         [plan.terrain.nearest_surface(limb, toe) for limb, toe in enumerate(stance.toes)]
@@ -105,7 +104,6 @@ def _state_stance(plan: ClimbPlan, stance: MeasuredStance) -> list[Override]:
         "rpy_deg": Rotation.from_matrix(stance.rotation).as_euler("xyz", degrees=True).tolist(),
         "toes": dict(zip(plan.robot.limb_names, toes.tolist(), strict=True)),
     }
-    spec = load_planned_climb(plan.spec_text, plan.name, plan.robot_texts).spec
     overrides = [
         Override.of("task.start", start, _OPTION),
         Override.of("solver.method", plan.solvers["method"], _OPTION),  # of `auto` the one it chose

@@ -88,6 +88,7 @@ _SURPRISE_NAMES = (*_SURPRISES, _PAYLOAD, _WEAK_MOTOR, _LOST_FRICTION)
 _MOTOR_SHARE = 0.6  # of its torque, of a weak motor
 _LOSS_TIME = 0.2  # [s] without friction
 DRAWN = "drawn"
+_KINDS = (DRAWN, *_SURPRISE_NAMES)
 
 
 @dataclass(frozen=True)
@@ -113,8 +114,10 @@ def bench_closed_loop(
     seed: int,
     quick: bool,
     out: TextIO,
+    *,
     count: int | None = None,
     scenes: str | None = None,
+    kinds: str | None = None,
     folder: Path | None = None,
 ) -> dict[str, Any]:
     """Print a line a scene and kind of world; two drawn worlds of one scene with `quick`.
@@ -125,17 +128,15 @@ def bench_closed_loop(
         out: Takes the table, each line as soon as it is known.
         count: Of drawn worlds of each scene; None takes 20.
         scenes: Specs by commas; None takes `SCENES`.
+        kinds: Of worlds by commas, `DRAWN` and surprises; None takes all. Others are listed where
+            the folder holds all their worlds.
         folder: Keeps a row a world, which later runs do not simulate again.
 
     Raises:
-        UsageError: Of `scenes` one is not known, or the folder holds something else.
+        UsageError: Of `scenes` or `kinds` one is not known, or the folder holds something else.
     """
-    names = [name.strip() for name in (scenes or ",".join(SCENES)).split(",")]
-    all_scenes = (*SCENES, *_OTHER_SCENES)
-    if unknown := [name for name in names if name not in all_scenes]:
-        raise UsageError(
-            f"`closed_loop` --scenes: no scene {unknown[0]!r}, known are {', '.join(all_scenes)}"
-        )
+    names = _split_names("--scenes", scenes, SCENES, (*SCENES, *_OTHER_SCENES))
+    requested_kinds = _split_names("--kinds", kinds, _KINDS, _KINDS)
     file = None if folder is None else folder / "closed_loop.csv"
     known = [] if file is None else read_rows(file, ExecutionRow)
     measured = {(row.scene, row.kind, row.number, row.is_closed): row for row in known}
@@ -148,14 +149,15 @@ def bench_closed_loop(
     rows: list[ExecutionRow] = []
     for name in names[:1] if quick else names:
         plan = _plan(Path("specs", f"{name}.yaml"))
-        kinds = [DRAWN] if quick else [DRAWN, *_SURPRISE_NAMES]
-        for kind in kinds:
+        for kind in [DRAWN] if quick else _KINDS:
             number = _SURPRISE_COUNT if kind != DRAWN else count or _DRAWN_COUNT
             cells = [
                 (name, kind, world, is_closed)
                 for world in range(2 if quick else number)
                 for is_closed in (False, True)
             ]
+            if kind not in requested_kinds and not measured.keys() >= set(cells):
+                continue
             for cell in cells:
                 if cell not in measured:
                     measured[cell] = _execute(plan, *cell, seed=seed)
@@ -164,6 +166,18 @@ def bench_closed_loop(
             rows += [measured[cell] for cell in cells]
             _print_summary([measured[cell] for cell in cells], out)
     return {"rows": [asdict(row) for row in rows]}
+
+
+def _split_names(
+    option: str, names: str | None, default: tuple[str, ...], known: tuple[str, ...]
+) -> tuple[str, ...]:
+    """Split names at commas; raises UsageError for one that is not known."""
+    split = default if names is None else tuple(name.strip() for name in names.split(","))
+    if unknown := [name for name in split if name not in known]:
+        raise UsageError(
+            f"`closed_loop` {option}: {unknown[0]!r} is unknown, known are {', '.join(known)}"
+        )
+    return split
 
 
 def _plan(spec: Path) -> ClimbPlan:

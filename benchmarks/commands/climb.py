@@ -122,13 +122,18 @@ def closed_loop(
     run: Run,
     seed: Seed = 0,
     scenes: Annotated[str | None, name_option("--scenes", "NAMES", "Specs, by commas.")] = None,
+    kinds: Annotated[
+        str | None, name_option("--kinds", "NAMES", "Of worlds, by commas: drawn, 2 kg more, ...")
+    ] = None,
     count: Annotated[int | None, number_option("--count", "Drawn worlds of each [20].")] = None,
     out: Results = None,
 ) -> Mapping[str, Any]:
     """Climbs in worlds that differ from the plan, with and without the executive: falls."""
     from benchmarks.climb.closed_loop import bench_closed_loop
 
-    return bench_closed_loop(seed, run.quick, run.stream, count, scenes, out)
+    return bench_closed_loop(
+        seed, run.quick, run.stream, count=count, scenes=scenes, kinds=kinds, folder=out
+    )
 
 
 @benchmark()

@@ -83,6 +83,8 @@ def test_each_benchmark_has_its_own_options_and_the_shared_ones() -> None:
         (("instances", "--count", "0"), "--count"),
         (("motions",), "expected some of --dataset DIR"),
         (("motions", "--scenes", "climb_nowhere"), "no scene 'climb_nowhere'"),
+        (("closed_loop", "--scenes", "climb_nowhere"), "'climb_nowhere' is unknown"),
+        (("closed_loop", "--kinds", "3 kg more"), "known are drawn, 20 mm nearer"),
         (("growth", "--json", "none/growth.json"), "none/growth.json: no such directory"),
         (("scans", "--scenes", "."), "give the folder with the meshes of hpp-environments by"),
     ],

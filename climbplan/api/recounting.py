@@ -49,7 +49,8 @@ def recount_worlds(path: Path, verification: Verification) -> Verification:
     if stored is None:
         raise UsageError(f"--worlds: {path} {_NO_WORLDS}")
     engine: Literal["mujoco", "statics"] = "statics" if stored.engine == "statics" else "mujoco"
-    judged = estimate_risk(plan, Conditions(), engine, stored.worlds, stored.seed)
+    base = Conditions(closed_loop=plan.promise is not None and plan.promise.closed_loop)
+    judged = estimate_risk(plan, base, engine, stored.worlds, stored.seed)
     off = abs(judged.falls - stored.falls) / stored.worlds
     mismatch = f"{judged.falls} of {stored.worlds} fall, stored {stored.falls}"
     check = judge("robust.recount", off, margin=mismatch)

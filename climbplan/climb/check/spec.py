@@ -136,6 +136,12 @@ def read_risk_limit(plan: ClimbPlan) -> float | None:
     return None if isinstance(spec, str) else spec.risk
 
 
+def counts_in_closed_loop(plan: ClimbPlan) -> bool:
+    """Return whether the spec asks for falls that are counted in closed-loop execution."""
+    spec = _read_spec(plan)
+    return not isinstance(spec, str) and spec.closed_loop
+
+
 def _read_spec(plan: ClimbPlan) -> ClimbSpec | TransitionSpec | str:
     """Return the validated spec, or a message if it is invalid."""
     return _validate_text(plan.spec_text, plan.kind)

@@ -27,7 +27,13 @@ from climbplan.climb.check.grips import check_gripper_data
 from climbplan.climb.check.plausibility import find_implausible_values
 from climbplan.climb.check.postures import check_postures
 from climbplan.climb.check.self_collision import check_self_collision
-from climbplan.climb.check.spec import bind_to_spec, check_spec, read_margins, read_risk_limit
+from climbplan.climb.check.spec import (
+    bind_to_spec,
+    check_spec,
+    counts_in_closed_loop,
+    read_margins,
+    read_risk_limit,
+)
 from climbplan.climb.check.statics import check_statics
 from climbplan.climb.check.subject import build_subject
 from climbplan.climb.check.trajectory import check_trajectory
@@ -43,7 +49,7 @@ from climbplan.verification.verification import Verification, mark_verified
 
 
 def check_risk(plan: ClimbPlan) -> Iterator[Check]:
-    """Check the stored interval against the counts, and the stored risk against the spec's.
+    """Check the stored interval against the counts, and risk and execution against the spec's.
 
     The file alone gives no more information on falls. `climbplan simulate` repeats the worlds with
     the stored engine, seed and number, `climbplan verify --worlds` those of a sample. A missed
@@ -64,6 +70,8 @@ def check_risk(plan: ClimbPlan) -> Iterator[Check]:
     interval_error = max(
         interval_error, abs(promise.risk - risk_limit) if risk_limit is not None else 0.0
     )
+    if risk_limit is not None and promise.closed_loop != counts_in_closed_loop(plan):
+        interval_error = np.inf
     promise_text = (
         f"{promise.words} ({promise.engine}, seed {promise.seed}), {low:.2%} to {high:.2%} fall"
     )

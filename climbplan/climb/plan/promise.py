@@ -15,7 +15,7 @@ class Promise:
 
     risk: float  # largest probability of a fall that the spec allows
     engine: str
-    seed: int  # of the worlds: `simulate --worlds N --seed SEED --engine ENGINE` plays them again
+    seed: int  # of the worlds: `simulate --worlds N --seed SEED --engine ENGINE` repeats them
     worlds: int
     falls: int
     lower: float  # of the probability, 95 % (Clopper and Pearson)
@@ -24,6 +24,8 @@ class Promise:
     fells: tuple[str, ...]  # what went wrong first in how many worlds, most first
     helps: tuple[str, ...]  # what would be needed, where the promise is not met
     tried: tuple[str, ...]  # plans judged on the way: margins asked for, and falls
+    closed_loop: bool = False  # whether falls were counted in closed-loop execution
+    stops: int = 0  # worlds in which the robot then stopped before its goal, and stands
 
     @property
     def met(self) -> bool:
@@ -33,7 +35,9 @@ class Promise:
     @property
     def words(self) -> str:
         """The promise in one line: "stands in 2990 of 3000 worlds"."""
-        return f"stands in {self.worlds - self.falls} of {self.worlds} worlds"
+        execution = " in closed loop" if self.closed_loop else ""
+        stops = f", stops before its goal in {self.stops}" if self.stops else ""
+        return f"stands in {self.worlds - self.falls} of {self.worlds} worlds{execution}{stops}"
 
     def as_dict(self) -> dict[str, Any]:
         """Return JSON-ready values."""
@@ -48,6 +52,9 @@ def parse_promise(stored_values: Mapping[str, Any]) -> Promise:
     falls, worlds = int(stored_values["falls"]), int(stored_values["worlds"])
     if not 0 <= falls <= worlds or worlds < 1:
         raise ValueError(f"{falls} falls in {worlds} worlds")
+    stops = int(stored_values.get("stops", 0))
+    if not 0 <= stops <= worlds - falls:
+        raise ValueError(f"{falls} falls and {stops} stops in {worlds} worlds")
     fells, helps, tried = (
         tuple(map(str, stored_values.get(name, ()))) for name in ("fells", "helps", "tried")
     )
@@ -63,6 +70,8 @@ def parse_promise(stored_values: Mapping[str, Any]) -> Promise:
         fells=fells,
         helps=helps,
         tried=tried,
+        closed_loop=bool(stored_values.get("closed_loop", False)),
+        stops=stops,
     )
 
 

@@ -27,7 +27,7 @@ from climbplan.schema.terrain.terrain import TerrainSpec
 from climbplan.schema.wording import collect_findings, format_value
 
 if TYPE_CHECKING:
-    from climbplan.climb.schema.transition import TransitionTaskSpec
+    from climbplan.climb.schema.transition import TransitionSpec, TransitionTaskSpec
 
 
 @dataclass(frozen=True)
@@ -243,6 +243,26 @@ def _check_grippers(climb_parts: ValidClimbParts) -> list[Finding]:
             Finding(("terrain", "tube"), f"{name} has grippers: expected flat surfaces")
         )
     return findings
+
+
+def check_closed_loop(spec: ClimbSpec | TransitionSpec, robot: AnyRobot) -> list[Finding]:
+    """Check that falls can be counted in closed loop where that is requested."""
+    if not spec.closed_loop:
+        return []
+    if spec.risk is None:
+        return [Finding(("closed_loop",), "expected `risk` as well, whose falls are counted so")]
+    if spec.trajectory.pace is not None:
+        message = "expected no `trajectory.pace`: closed-loop execution measures forces at rest"
+        return [Finding(("closed_loop",), message)]
+    has_five_bars = isinstance(robot, RobotSpec) and robot.five_bar is not None
+    has_soles = not isinstance(robot, RobotSpec) and robot.spec.flat_feet
+    if robot.gripper is not None or has_five_bars or has_soles:
+        message = (
+            f"{robot.name} has five-bar legs, grippers or flat feet, which closed-loop execution "
+            "does not know"
+        )
+        return [Finding(("closed_loop",), message)]
+    return []
 
 
 def check_study(spec: ClimbSpec) -> list[Finding]:

@@ -6,7 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from climbplan.climb.schema.checks import ValidClimbParts, check_parts, check_study
+from climbplan.climb.schema.checks import (
+    ValidClimbParts,
+    check_closed_loop,
+    check_parts,
+    check_study,
+)
 from climbplan.climb.schema.model import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
 from climbplan.errors import SpecError
 from climbplan.schema.document import Document
@@ -123,6 +128,8 @@ def _validate_climb(
     findings += check_parts(_collect_valid_parts(document, robot))
     if spec is not None:
         findings += check_study(spec)
+    if spec is not None and robot is not None:
+        findings += check_closed_loop(spec, robot)
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if spec is None or robot is None or mistakes:
         raise SpecError(document.source, mistakes)

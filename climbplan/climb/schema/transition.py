@@ -248,6 +248,11 @@ class TransitionSpec(SpecModel):
         gt=0,
         lt=1,
     )
+    closed_loop: bool = Field(
+        default=False,
+        description="whether falls for `risk` are counted in closed-loop execution in MuJoCo, not "
+        "by quasi-static steps; takes seconds to minutes a world",
+    )
     solver: TransitionSolverSpec = TransitionSolverSpec()
     """Method and limits."""
     seed: Count = quantity("", "seed of everything random", default=0, ge=0, le=2**32 - 1)

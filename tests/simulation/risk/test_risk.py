@@ -28,6 +28,7 @@ from climbplan.climb.simulation.worlds.uncertainty import build_layout, draw_num
 from climbplan.climb.simulation.worlds.uncertainty_spec import read_uncertainty
 from climbplan.errors import PlanFileError, SpecError
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.request import Engine
 
 SPEC = """
 kind: climb
@@ -142,6 +143,86 @@ def test_what_fresh_worlds_fell_is_planned_again_and_judged_in_others(
     assert [words.startswith("judged in fresh worlds") for words in promise.tried] == [
         False, True, False, True,
     ]  # fmt: skip
+
+
+def _count_in_closed_loop(
+    monkeypatch: pytest.MonkeyPatch, overrides: list[str], falls: int, stops: int
+) -> tuple[ClimbPlan, list[tuple[Conditions, str, int]]]:
+    """Return a plan with falls and stops among the first of all worlds, and how it was judged."""
+    judged: list[tuple[Conditions, str, int]] = []
+
+    def judge(
+        plan: ClimbPlan, base: Conditions, engine: Engine, worlds: int, seed: int, **_: object
+    ) -> RiskEstimate:
+        judged.append((base, engine, worlds))
+        layout = build_layout(plan, read_uncertainty(plan))
+        ends = [
+            ScenarioOutcome(
+                k < falls, 1.0, "", 0, 0, 0.0, "a toe" if falls <= k < falls + stops else ""
+            )
+            for k in range(worlds)
+        ]
+        return RiskEstimate(engine, seed, layout, tuple(ends))
+
+    monkeypatch.setattr(planning, "estimate_risk", judge)
+    monkeypatch.setattr(planning, "load_mujoco", lambda: None)
+    return made(["closed_loop=true", *overrides])[0], judged
+
+
+def test_falls_are_counted_in_closed_loop_on_request(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    plan, judged = _count_in_closed_loop(monkeypatch, ["risk=0.1"], falls=1, stops=2)
+    assert all(base.closed_loop and engine == "mujoco" for base, engine, _ in judged)
+    looked, validated = (worlds for _, _, worlds in judged)
+    assert looked == planning.NUM_CLOSED_LOOP_WORLDS
+    # The fewest worlds that show the bound with one fall
+    assert compute_interval(1, validated)[1] <= 0.1 < compute_interval(1, validated - 1)[1]
+    write_climb(plan, tmp_path / "plan.h5")
+    promise = read_climb(tmp_path / "plan.h5").promise
+    assert promise is not None
+    assert promise.met
+    assert promise == plan.promise
+    expected = f"stands in {validated - 1} of {validated} worlds in closed loop, stops before its"
+    assert promise.words == f"{expected} goal in 2"
+    assert verify_plan(plan).fragile == ()
+    without = replace(plan, promise=replace(promise, closed_loop=False))
+    assert not verify_plan(without).passed
+    with h5py.File(tmp_path / "plan.h5", "r+") as file:
+        file.attrs["risk"] = str(file.attrs["risk"]).replace('"stops": 2', f'"stops": {validated}')
+    with pytest.raises(PlanFileError, match="1 falls and"):
+        read_climb(tmp_path / "plan.h5")
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        (["closed_loop=true"], "closed_loop: expected `risk` as well"),
+        (
+            ["closed_loop=true", "risk=0.1", "trajectory.pace=1"],
+            "closed_loop: expected no `trajectory.pace`",
+        ),
+        (["closed_loop=true", "risk=0.1", "robot=scaler"], "closed_loop: .* has five-bar legs"),
+    ],
+)
+def test_closed_loop_is_refused_where_it_counts_nothing(overrides: list[str], message: str) -> None:
+    with pytest.raises(SpecError, match=message):
+        load_text(SPEC, "short", overrides)
+
+
+@pytest.mark.merge
+def test_falls_in_closed_loop_are_those_of_the_worlds_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("mujoco")
+    monkeypatch.setattr(planning, "NUM_CLOSED_LOOP_WORLDS", 2)
+    monkeypatch.setattr(planning, "MAX_CLOSED_LOOP_WORLDS", 2)
+    promise = made(["closed_loop=true", *SURE])[0].promise
+    assert promise is not None
+    assert (promise.engine, promise.closed_loop, promise.worlds) == ("mujoco", True, 2)
+    plan = plan_climb(load_text(SPEC, "short", ["closed_loop=true", *SURE]))
+    again = estimate_risk(plan, Conditions(closed_loop=True), "mujoco", 2, promise.seed)
+    assert (again.falls, again.stops) == (promise.falls, promise.stops)
 
 
 def test_more_is_asked_for_by_what_tells_falls_apart() -> None:

@@ -7,6 +7,10 @@
    takes to show, or in NUM_SEARCH_WORLDS if the bound is out of reach.
 4. If it falls too often there, these worlds become those of another search.
 
+Falls are counted by quasi-static steps, or in closed-loop execution in MuJoCo (`closed_loop` of a
+spec). A world of the latter takes seconds to minutes: NUM_CLOSED_LOOP_WORLDS are searched in, and
+a validation takes as many as show the bound with one fall.
+
 There are at most MAX_VALIDATIONS validations. The confidence interval of each holds for one
 validation; a plan passes one of them by chance with at most MAX_VALIDATIONS times that probability.
 All limits count work, so the same spec and seed give the same plan.
@@ -34,15 +38,17 @@ from climbplan.progress import Progress
 from climbplan.robots.joint_units import torque_unit
 from climbplan.schema.robots.uncertainty import UncertaintySpec
 from climbplan.simulation.conditions import Conditions
+from climbplan.simulation.mujoco_loading import load_mujoco
 from climbplan.simulation.request import Engine
 
-ENGINE: Engine = "statics"
 NUM_SEARCH_WORLDS = 300  # worlds in which the plans of a search are compared
+NUM_CLOSED_LOOP_WORLDS = 40  # likewise, in closed loop
 MAX_REPLANS = 5  # plans of one search
 MAX_VALIDATIONS = 3  # in fresh worlds
 PATIENCE = 2  # plans in a row without fewer falls, after which a search ends
 VALIDATION_WORLDS_FACTOR = 10.0  # by 1 / risk, worlds of a validation
 MIN_WORLDS, MAX_WORLDS = 300, 30_000
+MAX_CLOSED_LOOP_WORLDS = 1000  # of a validation
 _TARGET_FRACTION = 0.5  # of the bound, falls at which a search ends
 _HOPELESS_FACTOR = 2.0  # by the bound, falls above which a long validation is pointless
 _SEED_STRIDE = 1_000_003  # between the seeds of searches and validations
@@ -52,6 +58,8 @@ _NUM_CAUSES = 5
 class _RiskSpec(Protocol):
     @property
     def risk(self) -> float | None: ...
+    @property
+    def closed_loop(self) -> bool: ...
     @property
     def margins(self) -> MarginsSpec: ...
     @property
@@ -78,6 +86,41 @@ class Execution:
     report: Progress
 
 
+@dataclass(frozen=True)
+class _FallCounter:
+    """Counts falls of plans in sampled worlds, by quasi-static steps or in closed loop."""
+
+    is_closed_loop: bool
+    execution: Execution
+
+    @property
+    def engine(self) -> Engine:
+        """Engine that simulates the worlds."""
+        return "mujoco" if self.is_closed_loop else "statics"
+
+    @property
+    def num_search_worlds(self) -> int:
+        """Number of worlds in which the plans of a search are compared."""
+        return NUM_CLOSED_LOOP_WORLDS if self.is_closed_loop else NUM_SEARCH_WORLDS
+
+    def count_validation_worlds(self, max_risk: float) -> int:
+        """Return the number of fresh worlds that a bound takes to show."""
+        if not self.is_closed_loop:
+            return min(max(MIN_WORLDS, round(VALIDATION_WORLDS_FACTOR / max_risk)), MAX_WORLDS)
+        for worlds in range(NUM_CLOSED_LOOP_WORLDS, MAX_CLOSED_LOOP_WORLDS):
+            if compute_interval(1, worlds)[1] <= max_risk:
+                return worlds
+        return MAX_CLOSED_LOOP_WORLDS
+
+    def estimate(self, plan: ClimbPlan, worlds: int, seed: int) -> RiskEstimate:
+        """Simulate a plan in worlds of a seed."""
+        return estimate_risk(
+            plan, Conditions(closed_loop=self.is_closed_loop), self.engine, worlds, seed,
+            workers=self.execution.workers,
+            progress=lambda fraction: self.execution.report("risk", fraction),
+        )  # fmt: skip
+
+
 def plan_with_risk(
     loaded: L,
     plan: Callable[[L], ClimbPlan],
@@ -95,23 +138,27 @@ def plan_with_risk(
     Raises:
         NoPlanFound: There is no plan of the spec as it is.
         UsageError: The quasi-static engine has no model of the robot.
+        MissingSolver: Falls are to be counted in closed loop, and MuJoCo is not installed.
     """
     max_risk = loaded.spec.risk
+    if loaded.spec.closed_loop:
+        load_mujoco()  # which may be missing, before anything is planned
     first = plan(loaded)
     if max_risk is None:
         return first
     seed = loaded.spec.seed
-    search = _Search(loaded, plan, override, execution, max_risk)
+    counter = _FallCounter(loaded.spec.closed_loop, execution)
+    search = _Search(loaded, plan, override, counter, max_risk)
     candidate = _RatedPlan(
         first,
         read_margins(loaded.spec.margins),
-        _estimate(first, NUM_SEARCH_WORLDS, seed, execution),
+        counter.estimate(first, counter.num_search_worlds, seed),
     )
     search.log_candidate(candidate)
     validation = candidate.risk
     for time in range(1, MAX_VALIDATIONS + 1):
         max_falls = (
-            int(_TARGET_FRACTION * max_risk * NUM_SEARCH_WORLDS)
+            int(_TARGET_FRACTION * max_risk * counter.num_search_worlds)
             if time == 1
             else _compute_allowed_falls(max_risk, validation)
         )
@@ -119,15 +166,17 @@ def plan_with_risk(
         hopeless = len(best.risk.outcomes) * _HOPELESS_FACTOR * max_risk < best.risk.falls
         if time > 1 and (best.plan is candidate.plan or hopeless):
             break  # no plan falls less often: the last validation is final
-        worlds = NUM_SEARCH_WORLDS
+        worlds = counter.num_search_worlds
         if not hopeless:
-            worlds = min(max(MIN_WORLDS, round(VALIDATION_WORLDS_FACTOR / max_risk)), MAX_WORLDS)
-        validation = _estimate(best.plan, worlds, (seed + time * _SEED_STRIDE) % 2**32, execution)
+            worlds = counter.count_validation_worlds(max_risk)
+        validation = counter.estimate(best.plan, worlds, (seed + time * _SEED_STRIDE) % 2**32)
         candidate = replace(best, risk=validation)
         search.log_candidate(candidate, is_validation=True)
         if hopeless or compute_interval(validation.falls, worlds)[1] <= max_risk:
             break
-    promise = _build_promise(candidate.plan, max_risk, validation, tuple(search.log))
+    promise = _build_promise(
+        candidate.plan, max_risk, validation, tuple(search.log), counter.is_closed_loop
+    )
     return replace(
         candidate.plan, promise=promise, summary=(*candidate.plan.summary, _format_promise(promise))
     )
@@ -150,11 +199,11 @@ class _Search(Generic[L]):
         loaded: L,
         plan: Callable[[L], ClimbPlan],
         override: Callable[[L, list[str]], L],
-        execution: Execution,
+        counter: _FallCounter,
         max_risk: float,
     ) -> None:
         self._loaded, self._plan, self._override = loaded, plan, override
-        self._execution, self._max_risk = execution, max_risk
+        self._counter, self._max_risk = counter, max_risk
         self.log: list[str] = []
 
     def log_candidate(self, candidate: _RatedPlan, is_validation: bool = False) -> None:
@@ -179,7 +228,7 @@ class _Search(Generic[L]):
                 self.log.append(f"margins {margins.text}: {line}")
                 break
             worlds, seed = len(start.risk.outcomes), start.risk.seed
-            candidate = _RatedPlan(plan, margins, _estimate(plan, worlds, seed, self._execution))
+            candidate = _RatedPlan(plan, margins, self._counter.estimate(plan, worlds, seed))
             self.log_candidate(candidate)
             num_stalled = 0 if candidate.risk.falls < best.risk.falls else num_stalled + 1
             if candidate.risk.falls < best.risk.falls:
@@ -204,7 +253,7 @@ class _Search(Generic[L]):
                 self.log.append(f"margins {margins.text}: {line}")
                 continue
             worlds, seed = len(best.risk.outcomes), best.risk.seed
-            candidate = _RatedPlan(plan, margins, _estimate(plan, worlds, seed, self._execution))
+            candidate = _RatedPlan(plan, margins, self._counter.estimate(plan, worlds, seed))
             self.log_candidate(candidate)
             if candidate.risk.falls < best.risk.falls:
                 best = candidate
@@ -222,15 +271,12 @@ def _compute_allowed_falls(max_risk: float, risk: RiskEstimate) -> int:
     return max_falls // 2
 
 
-def _estimate(plan: ClimbPlan, worlds: int, seed: int, execution: Execution) -> RiskEstimate:
-    return estimate_risk(
-        plan, Conditions(), ENGINE, worlds, seed, workers=execution.workers,
-        progress=lambda fraction: execution.report("risk", fraction),
-    )  # fmt: skip
-
-
 def _build_promise(
-    plan: ClimbPlan, max_risk: float, risk: RiskEstimate, log: tuple[str, ...]
+    plan: ClimbPlan,
+    max_risk: float,
+    risk: RiskEstimate,
+    log: tuple[str, ...],
+    is_closed_loop: bool,
 ) -> Promise:
     low, high = compute_interval(risk.falls, len(risk.outcomes))
     names = plan.robot.limb_names
@@ -245,8 +291,8 @@ def _build_promise(
     }
     is_met = high <= max_risk
     return Promise(
-        max_risk, ENGINE, risk.seed, len(risk.outcomes), risk.falls, low, high, spreads, causes,
-        () if is_met else _list_remedies(plan, risk), log,
+        max_risk, risk.engine, risk.seed, len(risk.outcomes), risk.falls, low, high, spreads,
+        causes, () if is_met else _list_remedies(plan, risk), log, is_closed_loop, risk.stops,
     )  # fmt: skip
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from climbplan.robots.model import Robot
 from climbplan.schema.document import Finding
 from climbplan.schema.robots.source import AnyRobot
@@ -24,7 +26,7 @@ def build_robot(spec: AnyRobot) -> Robot:
         stamps, last = _stamp_meshes(spec), _last  # read once: another thread may replace it
         if last is None or last[0] != spec or last[1] != stamps:
             last = _last = (spec, stamps, build_robot_from_urdf(spec))
-        return last[2]
+        return replace(last[2], **spec.mesh_fields)
     return Robot.from_spec(spec)
 
 

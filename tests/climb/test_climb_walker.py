@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -22,10 +23,12 @@ from climbplan.climb.plan.file import read_as_found, read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.planner.start_from_plan import resolve_start_plan
 from climbplan.climb.schema.loading import load_climb
+from climbplan.climb.simulation.executive.replanning import MeasuredStance, replan_climb
 from climbplan.errors import SpecError
 from climbplan.exports.formats import ControllerOptions, adapt_motion
 from climbplan.exports.sidecar import collect_facts
 from climbplan.robots.kinematics import toe_world
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
 from climbplan.schema.examples import read_example, read_example_data
 from climbplan.verification.verification import mark_verified
@@ -60,6 +63,41 @@ def test_the_plan_is_verified_from_its_file_alone(plan: ClimbPlan, stored: Path)
     assert len(verification.checks) >= 41
     assert plan.robot.joint_count == 4
     assert any(text.startswith("assumed of walker: ") for text in plan.warnings)
+
+
+def _put_mesh(urdf: str) -> str:
+    """Return a URDF with a mesh for the first collision geometry."""
+    start = urdf.index("<geometry>", urdf.index("<collision")) + len("<geometry>")
+    end = urdf.index("</geometry>", start)
+    return urdf[:start] + '<mesh filename="package://walker/trunk.stl"/>' + urdf[end:]
+
+
+def test_a_climb_is_planned_anew_without_the_meshes_that_shaped_its_robot(
+    plan: ClimbPlan, tmp_path: Path
+) -> None:
+    texts = replace(plan.robot_texts, urdf=_put_mesh(plan.robot_texts.urdf))
+    with_mesh = replace(plan, robot_texts=texts)
+    rounds = plan.rounds
+    toes = rounds.toes[0].copy()
+    toes[2, 2] -= 0.02
+    stance = MeasuredStance(
+        com=rounds.com[0],
+        rotation=rotation_world_body(rounds.rpy[0]),
+        toes=toes,
+        friction=np.ones(len(plan.terrain.surfaces)),
+        load=np.zeros(6),
+        instant=0,
+        next_instant=0,
+    )
+    write_climb(replan_climb(with_mesh, stance), tmp_path / "replanned.h5")
+    replanned = read_climb(tmp_path / "replanned.h5")
+    verification = verify_plan(replanned)
+    assert verification.passed, verification.failed
+    np.testing.assert_allclose(replanned.rounds.toes[0], toes, atol=1e-9)
+    for name in ("limb_radius", "body_hull", "touching"):
+        np.testing.assert_array_equal(getattr(replanned.robot, name), getattr(plan.robot, name))
+    (robot_check,) = (check for check in verification.checks if check.name == "robot.spec")
+    assert "from meshes, which the plan does not carry" in robot_check.margin
 
 
 def test_the_file_holds_the_chains(plan: ClimbPlan, stored: Path) -> None:

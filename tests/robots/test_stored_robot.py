@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -37,11 +38,15 @@ def test_a_urdf_travels_as_text(texts: RobotTexts) -> None:
     assert select_largest(parts).size == 0.0
 
 
+def _put_mesh(urdf: str) -> str:
+    """Return a URDF with a mesh for the first collision geometry."""
+    start = urdf.index("<geometry>", urdf.index("<collision")) + len("<geometry>")
+    end = urdf.index("</geometry>", start)
+    return urdf[:start] + '<mesh filename="package://walker/trunk.stl"/>' + urdf[end:]
+
+
 def test_meshes_do_not(texts: RobotTexts) -> None:
-    mesh = '<mesh filename="package://walker/trunk.stl"/>'
-    start = texts.urdf.index("<geometry>", texts.urdf.index("<collision")) + len("<geometry>")
-    end = texts.urdf.index("</geometry>", start)
-    with_mesh = texts.urdf[:start] + mesh + texts.urdf[end:]
+    with_mesh = _put_mesh(texts.urdf)
     assert build_stored_robot(WALKER, RobotTexts(texts.yaml, with_mesh)).unknown == (
         "limb_radius",
         "capsules",
@@ -55,6 +60,20 @@ def test_meshes_do_not(texts: RobotTexts) -> None:
         "body_parts",
         "touching",
     )
+
+
+def test_what_meshes_tell_is_taken_from_the_robot_of_the_plan(texts: RobotTexts) -> None:
+    pytest.importorskip("pinocchio")
+    built = build_robot(load_climb(SPECS / "climb_walker.yaml").robot)
+    fields = {name: getattr(built, name) for name in vars(built)}
+    fields["limb_radius"] = 0.017
+    stored = build_stored_robot(WALKER, RobotTexts(texts.yaml, _put_mesh(texts.urdf)))
+    expected = replace(built, limb_radius=0.017)
+    parts = compare_recursively("robot", build_robot(stored.with_mesh_fields(fields)), expected)
+    assert select_largest(parts).size == 0.0
+    del fields["body_hull"]
+    with pytest.raises(NotKept, match="does not carry the meshes that tell body_hull"):
+        stored.with_mesh_fields(fields)
 
 
 @pytest.mark.parametrize(

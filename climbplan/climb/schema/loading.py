@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 from climbplan.climb.schema.checks import (
     ValidClimbParts,
@@ -20,7 +21,7 @@ from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_
 from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.robots.named import load_robot_of_document, validate_part
 from climbplan.schema.robots.source import AnyRobot
-from climbplan.schema.robots.stored import NotKept, RobotTexts, build_stored_robot
+from climbplan.schema.robots.stored import RobotTexts, build_stored_robot
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.terrain.terrain import TerrainSpec
 from climbplan.schema.yaml_source import parse_yaml
@@ -33,6 +34,8 @@ class LoadedClimb(LoadedSpec):
     spec: ClimbSpec
     robot: AnyRobot
     robot_texts: RobotTexts | None = None  # of a plan, which the robot is from; None: from files
+    # Fields of that plan's robot, of which those that only meshes tell are taken
+    robot_fields: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedClimb:
         """Return the same climb with other values, for example those of a point of a study.
@@ -41,7 +44,8 @@ class LoadedClimb(LoadedSpec):
             SpecError: Lists every mistake that the overrides cause.
         """
         text = SourceText(self.source, self.name, self.directory, self.text)
-        return build_climb(apply_overrides(self.document, overrides), text, self.robot_texts)
+        document = apply_overrides(self.document, overrides)
+        return build_climb(document, text, self.robot_texts, self.robot_fields)
 
 
 def load_climb(
@@ -80,25 +84,30 @@ def _load(text: SourceText, overrides: Sequence[str | Override]) -> LoadedClimb:
     return build_climb(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
 
 
-def load_planned_climb(text: str, name: str, robot_texts: RobotTexts) -> LoadedClimb:
+def load_planned_climb(
+    text: str, name: str, robot_texts: RobotTexts, robot_fields: Mapping[str, Any]
+) -> LoadedClimb:
     """Check the spec of a plan, with the robot files that the plan carries.
 
     Args:
         text: The spec that the plan carries.
         name: Of the plan.
         robot_texts: Robot files that it carries.
+        robot_fields: Fields of its robot by name, of which those that only meshes tell are taken.
 
     Raises:
-        NotKept: The plan does not carry its robot, or not the meshes that it depends on.
+        NotKept: The plan does not carry its robot, or a field is missing that meshes tell.
         SpecError: Lists every mistake.
     """
-    return build_climb(
-        parse_yaml(text, name), SourceText(name, name, Path.cwd(), text), robot_texts
-    )
+    source = SourceText(name, name, Path.cwd(), text)
+    return build_climb(parse_yaml(text, name), source, robot_texts, robot_fields)
 
 
 def build_climb(
-    document: Document, text: SourceText, robot_texts: RobotTexts | None = None
+    document: Document,
+    text: SourceText,
+    robot_texts: RobotTexts | None = None,
+    robot_fields: Mapping[str, Any] | None = None,
 ) -> LoadedClimb:
     """Build the loaded climb of a document.
 
@@ -106,13 +115,19 @@ def build_climb(
         SpecError: Lists every mistake in it.
         NotKept: There are robot texts that are not the whole robot.
     """
-    spec, robot = _validate_climb(document, text, robot_texts)
+    fields = robot_fields or {}
+    spec, robot = _validate_climb(document, text, robot_texts, fields)
     origin = describe_origin(document, text)
-    return LoadedClimb(spec=spec, robot=robot, robot_texts=robot_texts, **origin)
+    return LoadedClimb(
+        spec=spec, robot=robot, robot_texts=robot_texts, robot_fields=fields, **origin
+    )
 
 
 def _validate_climb(
-    document: Document, text: SourceText, robot_texts: RobotTexts | None
+    document: Document,
+    text: SourceText,
+    robot_texts: RobotTexts | None,
+    robot_fields: Mapping[str, Any],
 ) -> tuple[ClimbSpec, AnyRobot]:
     """Return spec and robot of a document, or raise SpecError with all mistakes."""
     resolve_option_paths(document, [("task", "start", "plan"), ("terrain", "scan", "file")])
@@ -122,9 +137,7 @@ def _validate_climb(
         robot, robot_mistakes = load_robot_of_document(document, text.directory)
     else:
         stored = build_stored_robot(document, robot_texts)
-        if stored.unknown:
-            raise NotKept(f"the plan does not carry the meshes that tell {stored.unknown[0]}")
-        robot, robot_mistakes = stored.robot, []
+        robot, robot_mistakes = stored.with_mesh_fields(robot_fields), []
     findings += check_parts(_collect_valid_parts(document, robot))
     if spec is not None:
         findings += check_study(spec)

@@ -6,8 +6,10 @@ its name; of any other the plan carries the text.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from climbplan.errors import SpecError, SpecMistake
 from climbplan.schema.document import Document, KeyPath
@@ -39,6 +41,18 @@ class StoredRobot:
 
     robot: AnyRobot
     unknown: tuple[str, ...] = ()
+
+    def with_mesh_fields(self, fields: Mapping[str, Any]) -> AnyRobot:
+        """Return the robot with what meshes tell of it; raises NotKept if a field is missing.
+
+        Args:
+            fields: By name, as the plan has them; others are ignored.
+        """
+        if missing := [name for name in self.unknown if name not in fields]:
+            raise NotKept(f"the plan does not carry the meshes that tell {missing[0]}")
+        if not isinstance(self.robot, UrdfRobot):
+            return self.robot
+        return replace(self.robot, mesh_fields={name: fields[name] for name in self.unknown})
 
 
 class NotKept(Exception):

@@ -9,7 +9,7 @@ that has slid moves first. What it finds is verified like every plan.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -63,7 +63,8 @@ def replan_climb(plan: ClimbPlan, stance: MeasuredStance) -> ClimbPlan:
         raise UsageError(f"{plan.name} is a {plan.kind}: only climbs are planned anew")
     reasons: list[str] = []
     try:
-        planned = load_planned_climb(plan.spec_text, plan.name, plan.robot_texts)
+        robot_fields = {field.name: getattr(plan.robot, field.name) for field in fields(plan.robot)}
+        planned = load_planned_climb(plan.spec_text, plan.name, plan.robot_texts, robot_fields)
         measured = planned.with_overrides(_state_stance(plan, planned.spec, stance))
     except (NotKept, SpecError) as error:
         raise UsageError(f"{plan.name} cannot be planned anew: {error}") from error
@@ -73,7 +74,7 @@ def replan_climb(plan: ClimbPlan, stance: MeasuredStance) -> ClimbPlan:
             overrides.append(Override.of("task.rounds", rounds, _OPTION))
         replanned, reason = _try_plan(measured.with_overrides(overrides))
         if replanned is not None:
-            return replanned
+            return replace(replanned, looks=plan.looks)
         reasons.append(reason)
     tried = f"{len(reasons)} combinations of an order of limbs and a number of rounds were tried"
     raise Unresolved(f"no plan from the measured stance: {reasons[0]}", because=tried)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from climbplan.errors import SpecError
 from climbplan.schema.document import Document, Finding, KeyPath
@@ -28,6 +29,8 @@ class UrdfRobot:
     path: KeyPath  # of the section in the document
     directory: Path = field(default=Path(), repr=False, compare=False)  # that paths start from
     is_stored: bool = False  # whether it is from a plan file, whose robot is what it was
+    # Fields of the built robot that only meshes tell, where these are not at hand, by name
+    mesh_fields: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def needs_shapes(self) -> bool:

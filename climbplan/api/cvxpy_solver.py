@@ -9,6 +9,7 @@ integers are solved by Clarabel, with dual values.
 from __future__ import annotations
 
 import hashlib
+import os
 import time
 import warnings
 from collections.abc import Mapping
@@ -26,12 +27,15 @@ from cvxpy.reductions.solvers.conic_solvers.conic_solver import ConicSolver
 from scipy import sparse
 
 from climbplan.api.ctrl_c import ctrl_c_insists
+from climbplan.api.progress_display import show_progress
 from climbplan.arrays import Array
 from climbplan.certificates.certificate import Certificate
 from climbplan.certificates.checker import check
 from climbplan.errors import UsageError
+from climbplan.program.box import propagate_box
 from climbplan.program.cvxpy_form import NAME, ConicForm, build_conic_instance
 from climbplan.program.instance import Instance
+from climbplan.progress import INTERVAL_VARIABLE
 from climbplan.solvers.highs.instances import solve_highs
 from climbplan.solvers.mixed_integer.certification import certify_without_search
 from climbplan.solvers.mixed_integer.level_set import UnboundedRelaxation, bound_variables
@@ -134,13 +138,15 @@ class CVXPY(ConicForm):
         Args:
             data: What `apply` returned.
             warm_start: Whether to start from the tree of the last solve.
-            verbose: Whether to print the log.
+            verbose: Whether to print the log, and before it lines of progress on standard error,
+                which the environment variable CLIMBPLAN_PROGRESS_SECONDS also turns on.
             solver_opts: Options of this call.
             solver_cache: Trees of the problem.
 
         Raises:
             SolverError: An option is not known, or the problem has no bounds where the tree needs
                 them.
+            UsageError: CLIMBPLAN_PROGRESS_SECONDS is no positive number.
         """
         chosen = self.settings.update(solver_opts)
         if not data[settings.BOOL_IDX] and not data[settings.INT_IDX]:
@@ -149,7 +155,9 @@ class CVXPY(ConicForm):
             return _solve_continuous(data, chosen, verbose)
         begin = time.perf_counter()
         cache = {} if solver_cache is None or not warm_start else solver_cache
-        with ctrl_c_insists():
+        shows_lines = verbose or INTERVAL_VARIABLE in os.environ
+        with ctrl_c_insists(), show_progress(shows_lines) as report:
+            report("solve", 0.0)
             solved = _solve_integers(build_conic_instance(data, "cvxpy"), chosen, cache)
         if chosen.certificate is not None:
             _write_certificate(solved, chosen)
@@ -219,9 +227,9 @@ def _solve_with_proof(
     """Solve by the tree that writes certificates.
 
     Raises:
-        UsageError: A direction without cost is not bounded, or there is no incumbent for bounds.
+        UsageError: A direction without cost is not bounded.
     """
-    # A certificate bounds the cost over a box, so all its sides have to be finite
+    # A certificate bounds the cost over a box, and an open side needs a slope of exactly 0
     time_left = _compute_time_left(chosen, begin)
     try:
         bounded = bound_variables(instance, integers_only=False, time_limit=time_left)
@@ -231,10 +239,14 @@ def _solve_with_proof(
         certificate = certify_without_search(instance)
         is_proof = check(instance, certificate).bound == np.inf
         return _Solved(instance, _build_infeasible(begin), certificate if is_proof else None)
-    kind = ConicSearch if "cones" in bounded.features else WarmStartedTree
+    box = propagate_box(bounded)
+    has_open_sides = not np.isfinite(box.upper - box.lower).all()
+    kind = ConicSearch if "cones" in bounded.features or has_open_sides else WarmStartedTree
     search = _select_search(bounded, chosen, cache, kind)
     result = search.solve(bounded, _compute_time_left(chosen, begin))
-    return _Solved(bounded, result, search.certificate)
+    certificate = search.certificate
+    is_proof = certificate is not None and (certificate.bound > -np.inf or not has_open_sides)
+    return _Solved(bounded, result, certificate if is_proof else None)
 
 
 def _run_tree(
@@ -367,15 +379,24 @@ def _write_certificate(solved: _Solved, chosen: SolverSettings) -> None:
     Raises:
         SolverError: The file cannot be written.
     """
+    from climbplan.methods.certified_rows import is_weaker_than_search
+
     if solved.certificate is None or chosen.certificate is None:
         status = solved.unbounded_status or solved.result.status
         warnings.warn(
             f"{NAME}: no certificate was written to {chosen.certificate}: the status {status} "
-            "rests on the relaxation alone; bounds of all variables make a certificate possible",
+            "is not proved by multipliers; bounds of all variables make a certificate possible",
             stacklevel=2,
         )
         return
     result, text = solved.result, _SPEC.format(gap=chosen.gap)
+    proved = solved.certificate.bound
+    if is_weaker_than_search(proved, result.bound, chosen.gap, chosen.absolute_gap):
+        warnings.warn(
+            f"{NAME}: the certificate proves a bound of {proved:.9g}, the search has "
+            f"{result.bound:.9g}; `climbplan verify` confirms the former alone",
+            stacklevel=2,
+        )
     row = CertifiedRow(
         parameters=np.zeros(0),
         instance=solved.instance,

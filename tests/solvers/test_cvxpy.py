@@ -349,3 +349,83 @@ def test_the_only_point_is_found_with_a_proof(tmp_path: Path) -> None:
     problem.solve(solver=climbplan.CVXPY(certificate=tmp_path / "proof.h5"))
     assert problem.status == "optimal"
     assert problem.value == pytest.approx(-6.0, abs=1e-5)
+
+
+def _state_slack_integer() -> cp.Problem:
+    """An integer without cost that only relaxes the rows when it grows."""
+    x, y = cp.Variable(), cp.Variable(2, integer=True)
+    rows = [3 * x + y[1] == 2, -y[0] - 3 * y[1] <= 0, y[1] - y[0] <= 0, x >= -3, y >= -3]
+    return cp.Problem(cp.Minimize(3 * x + 2 * y[1]), rows)
+
+
+def _state_feasibility() -> cp.Problem:
+    """No cost at all."""
+    x, y = cp.Variable(2), cp.Variable(integer=True)
+    return cp.Problem(cp.Minimize(0), [2 * x[0] + 3 * y <= 6, x[1] - y >= 0.5])
+
+
+def _state_fewer_residuals_than_unknowns() -> cp.Problem:
+    """Lines of minimisers for every value of the integer."""
+    x, z = cp.Variable(3), cp.Variable(boolean=True)
+    A = np.array([[-3.0, -2, 1], [1, -1, -3]])
+    return cp.Problem(cp.Minimize(cp.sum_squares(A @ x) + (z - 0.4) ** 2))
+
+
+@pytest.mark.parametrize(
+    ("problem", "optimum"),
+    [
+        (_state_slack_integer(), -1.0),
+        (_state_feasibility(), 0.0),
+        (_state_fewer_residuals_than_unknowns(), 0.16),
+    ],
+)
+def test_certificates_where_optima_reach_to_infinity(
+    problem: cp.Problem, optimum: float, tmp_path: Path
+) -> None:
+    """The level set bounds no variable, and slopes of exactly 0 prove the optimum."""
+    value = problem.solve(solver=climbplan.CVXPY(), certificate=tmp_path / "proof.h5")
+    assert problem.status == "optimal"
+    assert value == pytest.approx(optimum, abs=1e-6)
+    proof = problem.solver_stats.extra_stats["certificate"]
+    assert proof.bound == pytest.approx(optimum, abs=1e-4)
+    assert verify_certificates(read_certificates(tmp_path / "proof.h5")).passed
+
+
+def test_infeasible_integers_whose_bounds_follow_from_a_cone(tmp_path: Path) -> None:
+    """Parity excludes every integer in a box that no row states."""
+    y, x = cp.Variable(2, integer=True), cp.Variable()
+    rows = [2 * y[0] - 2 * y[1] >= 0.5, 2 * y[0] - 2 * y[1] <= 1.5, cp.norm(y) <= 3 + x, x <= 9]
+    problem = cp.Problem(cp.Minimize(x), rows)
+    problem.solve(solver=climbplan.CVXPY(certificate=tmp_path / "proof.h5"))
+    assert problem.status == "infeasible"
+    assert problem.solver_stats.extra_stats["certificate"].bound == np.inf
+    assert verify_certificates(read_certificates(tmp_path / "proof.h5")).passed
+
+
+def test_a_certificate_that_is_weaker_than_the_search_is_named(tmp_path: Path) -> None:
+    """The ball has one point in x, where its multiplier grows without end."""
+    x, z = cp.Variable(), cp.Variable(2, boolean=True)
+    v = cp.hstack([x, z])
+    F, f = np.array([[-1.0, -2, -1], [2, 2, 3]]), np.array([3.0, -1.0])
+    cost = np.array([-2.0, -1.0, -3.0]) @ v + cp.norm(F @ v + f)
+    problem = cp.Problem(cp.Minimize(cost), [cp.norm(v) <= 1.0])
+    with pytest.warns(UserWarning, match="the certificate proves a bound of"):
+        problem.solve(solver=climbplan.CVXPY(certificate=tmp_path / "proof.h5"))
+    proof = problem.solver_stats.extra_stats["certificate"]
+    assert problem.value - 0.01 < proof.bound < problem.value
+
+
+def test_lines_of_progress_of_a_search_and_its_proof(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    problem = random_problem(1)
+    problem.solve(solver=climbplan.CVXPY(certificate=tmp_path / "silent.h5"))
+    assert capsys.readouterr().err == ""
+    monkeypatch.setenv("CLIMBPLAN_PROGRESS_SECONDS", "0.001")
+    problem.solve(solver=climbplan.CVXPY(certificate=tmp_path / "proof.h5"))
+    lines = capsys.readouterr().err.splitlines()
+    assert {line.split()[0] for line in lines} <= {"solve", "certify"}
+    assert any(line.startswith("certify") for line in lines)
+    monkeypatch.setenv("CLIMBPLAN_PROGRESS_SECONDS", "soon")
+    with pytest.raises(UsageError, match="positive number of seconds"):
+        problem.solve(solver=climbplan.CVXPY())

@@ -40,16 +40,17 @@ def relax_integers(instance: Instance) -> Instance:
 def bound_variables(
     instance: Instance, *, integers_only: bool, time_limit: float = np.inf
 ) -> Instance | None:
-    """Return the instance with finite bounds of its variables; None if no point is feasible.
+    """Return the instance with bounds of its variables; None if no point is feasible.
 
     Args:
         instance: Convex instance with integers, without choices and products.
-        integers_only: Whether continuous variables may stay without bounds.
+        integers_only: Whether only integers get bounds, and all of them need some. Otherwise
+            variables without bounds in the level set keep their open sides.
         time_limit: Time limit [s] of the search for an incumbent.
 
     Raises:
         UnboundedRelaxation: The relaxation has no solution.
-        UsageError: No incumbent is found, or a variable has no bound in the level set.
+        UsageError: An integer that needs bounds has none in the level set.
     """
     box = propagate_box(instance)
     if (box.lower > box.upper).any():
@@ -71,31 +72,30 @@ def bound_variables(
     lower, upper = instance.lower.copy(), instance.upper.copy()
     for j in map(int, np.flatnonzero(selected)):
         low, high = (_find_extreme(level, j, sign) for sign in (1.0, -1.0))
+        if integers_only and not (np.isfinite(low) and np.isfinite(high)):
+            raise UsageError(
+                f"{level.name}: variable {j} has no bound where the cost is low: give it bounds"
+            )
         margin = 0.0 if instance.integer[j] else _MARGIN
         lower[j], upper[j] = max(lower[j], low - margin), min(upper[j], high + margin)
     return replace(instance, lower=lower, upper=upper)
 
 
 def _find_cost(instance: Instance, time_limit: float) -> float:
-    """Return the cost of a good point.
-
-    Raises:
-        UsageError: None is found.
-    """
+    """Return the cost of a good point, infinite where none is found."""
     tree, deadline = ConicTree(instance), time.perf_counter() + time_limit
     for max_nodes in _NODES:
         with hide_searches():
             tree.run(deadline, max_nodes)
-        if tree.incumbent is not None:
-            return tree.cost
-    raise UsageError(
-        f"{instance.name}: no feasible point was found, from which bounds would follow: give the "
-        "integer variables bounds"
-    )
+        if tree.incumbent is not None or tree.is_finished:
+            break
+    return tree.cost
 
 
 def _build_level_set(instance: Instance, cost: float) -> Instance:
-    """Return the instance with cost(x) <= cost, as a row or a second-order cone.
+    """Return the instance with cost(x) <= cost, as a row or a second-order cone, and no cost.
+
+    An infinite cost restricts nothing.
 
     With the cost 1/2 |u|^2 + s'x + c and t = cost - c - s'x it is |(u, t - 1/2)| <= t + 1/2.
     """
@@ -103,6 +103,8 @@ def _build_level_set(instance: Instance, cost: float) -> Instance:
     top = cost + _SLACK * max(1.0, abs(cost)) - squares.constant
     slope = sparse.csr_matrix(squares.slope)
     without_cost = replace(instance, P=sparse.csc_matrix(instance.P.shape), constant=0.0)
+    if cost == np.inf:
+        return without_cost
     if not len(squares.offset):
         return replace(
             without_cost,
@@ -123,17 +125,14 @@ def _build_level_set(instance: Instance, cost: float) -> Instance:
 def _find_extreme(level: Instance, j: int, sign: float) -> float:
     """Return the least value of a variable over the level set, or the largest for sign -1.
 
-    Raises:
-        UsageError: There is none.
+    It is infinite where there is none.
     """
     direction = np.zeros(level.size)
     direction[j] = sign
     relaxation = ConicRelaxation(replace(level, q=direction))
     solution = relaxation.solve(level.lower, level.upper)
     if solution.status != "solved" or abs(solution.x[j]) > _LARGEST:
-        raise UsageError(
-            f"{level.name}: variable {j} has no bound where the cost is low: give it bounds"
-        )
+        return -sign * np.inf
     # The dual value bounds the extreme; the primal one may stop short of it
     value = sign * solution.x[j]
     if np.isfinite(solution.bound):

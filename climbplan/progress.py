@@ -8,6 +8,7 @@ observes the run in this context. Without one they do nothing, as in worker proc
 from __future__ import annotations
 
 import math
+import os
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -22,7 +23,7 @@ Progress = Callable[[str, float], None]
 
 AFTER_SEARCH = "verify"  # stage that no time limit of a search ends
 LINE_INTERVAL = 5.0  # [s] between lines of progress
-INTERVAL_VARIABLE = "CLIMBPLAN_PROGRESS_SECONDS"  # of the environment, for the command line
+INTERVAL_VARIABLE = "CLIMBPLAN_PROGRESS_SECONDS"  # of the environment, for `LINE_INTERVAL`
 _MIN_FRACTION = 0.03  # of a stage, from which its remaining time is estimated
 _METER: ContextVar[ProgressMeter | None] = ContextVar("meter", default=None)
 
@@ -49,6 +50,13 @@ def report_search(
     meter = _METER.get()
     if meter is not None:
         meter.report_search(incumbent, bound, deadline)
+
+
+def report_stage(stage: str, fraction: float) -> None:
+    """Report the fraction of a stage that a solver has to the meter, if there is one."""
+    meter = _METER.get()
+    if meter is not None:
+        meter.report(stage, fraction)
 
 
 def is_observed() -> bool:
@@ -174,8 +182,17 @@ class ProgressLines:
         self,
         meter: ProgressMeter,
         write: Callable[[str], None],
-        interval: float = LINE_INTERVAL,
+        interval: float | None = None,
     ) -> None:
+        """Name the meter, what writes a line, and the time between lines [s].
+
+        Without an interval it is that of the environment, or `LINE_INTERVAL`.
+
+        Raises:
+            ValueError: That of the environment is no positive number.
+        """
+        if interval is None:
+            interval = _read_interval()
         self._meter, self._write, self._interval = meter, write, interval
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
@@ -196,6 +213,25 @@ class ProgressLines:
     def _run(self) -> None:
         while not self._ended.wait(self._interval):
             self._write(self._meter.describe())
+
+
+def _read_interval() -> float:
+    """Return the time between lines [s] that the environment sets, or `LINE_INTERVAL`.
+
+    Raises:
+        ValueError: The environment sets none.
+    """
+    text = os.environ.get(INTERVAL_VARIABLE)
+    try:
+        seconds = LINE_INTERVAL if text is None else float(text)
+    except ValueError:
+        seconds = math.nan
+    if not 0.0 < seconds < math.inf:
+        raise ValueError(
+            f"environment variable {INTERVAL_VARIABLE}: expected a positive number of seconds "
+            f"between lines of progress, got {text!r}; change or unset it"
+        )
+    return seconds
 
 
 def format_seconds(seconds: float) -> str:

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from climbplan.errors import UsageError
 from climbplan.progress import Progress, ProgressLines, ProgressMeter, format_seconds
 
 _NOTEBOOK_INTERVAL = 0.5  # [s] between updates of the bar
@@ -21,6 +22,9 @@ def show_progress(progress: Progress | bool | None) -> Iterator[Progress]:
         progress: A callback of stage and fraction, which is called and shows nothing else; True
             shows a bar in notebooks and a line every five seconds on standard error elsewhere;
             False shows nothing; None shows the bar in notebooks only.
+
+    Raises:
+        UsageError: The environment sets no time between lines that is a positive number.
     """
     meter = ProgressMeter()
     display = find_notebook_display() if progress is None or progress is True else None
@@ -31,10 +35,18 @@ def show_progress(progress: Progress | bool | None) -> Iterator[Progress]:
             with _show_bar(meter, display):
                 yield meter.report
         elif progress:
-            with ProgressLines(meter, lambda line: print(line, file=sys.stderr, flush=True)):
+            with _create_lines(meter):
                 yield meter.report
         else:
             yield meter.report
+
+
+def _create_lines(meter: ProgressMeter) -> ProgressLines:
+    """Return the context that writes lines of a meter on standard error."""
+    try:
+        return ProgressLines(meter, lambda line: print(line, file=sys.stderr, flush=True))
+    except ValueError as error:
+        raise UsageError(str(error)) from None
 
 
 def _report_to_both(meter: ProgressMeter, callback: Progress) -> Progress:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from contextlib import ExitStack
@@ -10,13 +9,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Self
 
 from climbplan.cli.console import Invocation
-from climbplan.progress import (
-    INTERVAL_VARIABLE,
-    LINE_INTERVAL,
-    ProgressLines,
-    ProgressMeter,
-    format_seconds,
-)
+from climbplan.progress import ProgressLines, ProgressMeter, format_seconds
 
 if TYPE_CHECKING:
     from rich.progress import Progress, TaskID
@@ -45,8 +38,7 @@ class StageProgress:
     def __enter__(self) -> Self:
         self._context.enter_context(self._meter.observe())
         if self._session.writes_progress:
-            seconds = float(os.environ.get(INTERVAL_VARIABLE, LINE_INTERVAL))
-            lines = ProgressLines(self._meter, self._session.write_progress, seconds)
+            lines = ProgressLines(self._meter, self._session.write_progress)
             self._context.enter_context(lines)
         return self
 

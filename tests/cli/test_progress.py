@@ -19,7 +19,7 @@ from climbplan.errors import UsageError
 from climbplan.progress import ProgressMeter, format_seconds, report_search
 
 PACKAGE = Path(climbplan.__file__).parent
-STAGE = re.compile(r'(?:report|progress|\.stage)\(\s*"([a-z]+)"')
+STAGE = re.compile(r'(?:report|report_stage|progress|\.stage)\(\s*"([a-z]+)"')
 
 
 class _Terminal(io.StringIO):
@@ -37,7 +37,7 @@ def _run_briefly(session: Invocation) -> None:
 
 @pytest.fixture
 def short_interval(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("climbplan.cli.progress.LINE_INTERVAL", 0.05)  # [s]
+    monkeypatch.setattr("climbplan.progress.LINE_INTERVAL", 0.05)  # [s]
 
 
 @pytest.mark.usefixtures("short_interval")

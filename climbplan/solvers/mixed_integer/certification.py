@@ -18,6 +18,7 @@ from climbplan.certificates.box import CertificateBox, tighten_box
 from climbplan.certificates.certificate import Certificate
 from climbplan.certificates.rows import CertificateRows, append_envelopes
 from climbplan.program.instance import Instance
+from climbplan.progress import report_stage
 from climbplan.solvers.mixed_integer import nodes as slots
 from climbplan.solvers.mixed_integer.leaf_boxes import LeafBoxes, Subdomain
 from climbplan.solvers.mixed_integer.leaf_multipliers import compute_leaf_multipliers
@@ -137,7 +138,9 @@ class _Prover:
         stack: list[tuple[CertificateBox, Subdomain | None, int]] = [
             (self._checker.root, root, first)
         ]
+        num_leaves = max(len(self._nodes), len(self._splits) + 1)
         while stack:
+            report_stage("certify", min(len(writer.leaves) / num_leaves, 1.0))
             box, subdomain, leaf = stack.pop()
             box = tighten_box(self._checker.rows, box)
             subdomain = (

@@ -15,6 +15,7 @@ Regulated = Literal["nothing", "attitude", "joints", "pose"]
 # Robot data say that the mass acts at the body's origin, so links weigh next to nothing. (Half of
 # a SiLVIA is limbs: 18 links of 0.3 kg beside a body of 5 kg in its authors' walking code.)
 LIMB_MASS_SHARE = 0.02
+MAX_REPLANS = 2  # of a run in closed loop
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class Conditions:
     joint_noise: float = 0.0  # standard deviation of what the joints' sensors tell [rad]
     noise_seed: int = 0
     closed_loop: bool = False  # contacts are measured before the plan goes on
-    max_replans: int = 2  # plans from measured stances, in closed loop
+    max_replans: int = MAX_REPLANS  # plans from measured stances, in closed loop
     torque_error: float = 0.05  # standard deviation of the scale of each motor's measured torque
     world: World | None = None  # what robot and terrain are beside this; None: as planned
 

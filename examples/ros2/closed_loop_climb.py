@@ -8,11 +8,15 @@ It listens to /joint_states, whose `effort` has the torques of the motors, and s
 position controller of ros2_control, joint by joint in the order of that controller's `joints`,
 which has to be the one of the plan. Put the robot into the plan's first posture before. The P gains
 have to be the joint stiffness of the robot file.
+
+A robot that has stopped before its goal holds its last commands while the rest of the climb is
+planned from where it stands, at most MAX_REPLANS times.
 """
 
 from __future__ import annotations
 
 import sys
+from concurrent.futures import Future, ThreadPoolExecutor
 
 import numpy as np
 import rclpy
@@ -21,10 +25,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 import climbplan
+from climbplan.errors import ClimbplanError
 
 RATE = 100.0  # [Hz]
 SILENT = 0.1  # [s] without joint states after which the robot waits
 COMMANDS = "/position_controller/commands"
+HOLDING_TIME = 5.0  # [s] after a stop until the robot is at rest and another plan is sought
+MAX_REPLANS = 2
 
 
 class ClosedLoopClimb(Node):
@@ -33,6 +40,10 @@ class ClosedLoopClimb(Node):
     def __init__(self, plan_file: str) -> None:
         super().__init__("closed_loop_climb")
         self.executive = climbplan.load_plan(plan_file).executive()
+        self.held = 0.0  # [s] since the robot has stopped
+        self.replans = 0
+        self.planner = ThreadPoolExecutor(1)
+        self.planning: Future | None = None
         robot = self.executive.robot
         self.has_joint = robot.has_joint
         places = map(tuple, np.argwhere(self.has_joint))
@@ -63,6 +74,9 @@ class ClosedLoopClimb(Node):
         silent = (self.get_clock().now() - self.heard).nanoseconds * 1e-9
         if len(self.read) < len(self.place) or silent > SILENT:
             return
+        if self.planning is not None:
+            self.go_on(self.planning)
+            return
         executive = self.executive
         was_running = not executive.finished
         executive.step(1.0 / RATE, self.angles, self.torques)
@@ -71,6 +85,23 @@ class ClosedLoopClimb(Node):
         )
         if was_running and executive.finished:
             self.get_logger().info(executive.stopped or "the climb has ended")
+        if executive.stopped and self.replans < MAX_REPLANS:
+            self.held += 1.0 / RATE
+            if self.held >= HOLDING_TIME:
+                self.planning = self.planner.submit(executive.replan)
+
+    def go_on(self, planning: Future) -> None:
+        """Go on by the plan from where the robot stands, once there is one."""
+        if not planning.done():
+            return
+        self.planning, self.held = None, 0.0
+        self.replans += 1
+        try:
+            self.executive = planning.result()
+            self.get_logger().info("goes on by a plan from where it stands")
+        except ClimbplanError as reason:
+            self.replans = MAX_REPLANS
+            self.get_logger().info(f"no plan from where it stands: {reason}")
 
 
 def main() -> None:

@@ -12,6 +12,7 @@ import h5py
 import pytest
 from command_line import RunCommand
 
+from climbplan.cli.simulate_options import SimulateOptions, build_request
 from climbplan.climb.plan.file import write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_text
@@ -51,12 +52,24 @@ def test_closed_loop_has_a_pace_and_feedback_of_its_own(
     assert "--closed-loop: expected --engine mujoco, and no --regulate or --speed" in done.err
 
 
+def test_replans_are_of_closed_loop(run_command: RunCommand, plan: Path) -> None:
+    done = run_command("simulate", plan.name, "--replans", "1")
+    assert done.code == 2
+    assert "--replans 1: expected --closed-loop as well" in done.err
+
+
+@pytest.mark.parametrize(("replans", "expected"), [(None, 2), (0, 0), (5, 5)])
+def test_replans_reach_the_conditions(replans: int | None, expected: int) -> None:
+    options = SimulateOptions(plan=Path("plan.h5"), closed_loop=True, replans=replans)
+    assert build_request(options, ("", ())).conditions.max_replans == expected
+
+
 @pytest.mark.merge
 def test_simulate_executes_a_climb_in_closed_loop(
     run_command: RunCommand, workplace: Path, plan: Path
 ) -> None:
     pytest.importorskip("mujoco")
-    done = run_command("simulate", plan.name, "--closed-loop", "--no-pictures")
+    done = run_command("simulate", plan.name, "--closed-loop", "--replans", "1", "--no-pictures")
     assert done.code == 0, done.err
     assert "no fall in closed loop" in done.err
     report = json.loads((workplace / "outputs" / "small_simulation" / "report.json").read_text())

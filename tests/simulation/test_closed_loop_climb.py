@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
+from concurrent.futures import wait
 from dataclasses import fields, replace
 from pathlib import Path
 from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -328,6 +330,7 @@ class StubNode:
     def __init__(self, name: str) -> None:
         self.name, self.sent = name, [np.zeros(0)]
         self.errors: list[str] = []
+        self.notes: list[str] = []
 
     def get_clock(self) -> SimpleNamespace:
         return SimpleNamespace(now=lambda: Elapsed(0))
@@ -336,7 +339,9 @@ class StubNode:
         return SimpleNamespace(publish=lambda message: self.sent.append(np.array(message.data)))
 
     def get_logger(self) -> SimpleNamespace:
-        return SimpleNamespace(error=lambda text, once: self.errors.append(text))
+        return SimpleNamespace(
+            error=lambda text, once: self.errors.append(text), info=self.notes.append
+        )
 
     def create_subscription(self, *given: object) -> None:
         pass
@@ -356,9 +361,9 @@ class Elapsed(int):
         return int(self)
 
 
-def test_the_node_of_ros_2_commands_joints_in_their_order(
-    planned: Planned, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+@pytest.fixture
+def node(planned: Planned, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
+    """Return the node of ROS 2 of a plan, with stubs for the packages of ROS 2."""
     for name, members in {
         "rclpy": {},
         "rclpy.node": {"Node": StubNode},
@@ -371,9 +376,13 @@ def test_the_node_of_ros_2_commands_joints_in_their_order(
     monkeypatch.syspath_prepend(ROOT / "examples" / "ros2")
     from closed_loop_climb import ClosedLoopClimb
 
+    write_climb(planned(), tmp_path / "plan.h5")
+    return ClosedLoopClimb(str(tmp_path / "plan.h5"))
+
+
+def test_the_node_of_ros_2_commands_joints_in_their_order(planned: Planned, node: Any) -> None:
     plan = planned()
-    write_climb(plan, tmp_path / "plan.h5")
-    node, executive = ClosedLoopClimb(str(tmp_path / "plan.h5")), ClimbExecutive(plan)
+    executive = ClimbExecutive(plan)
     angles = compute_true_angles(plan, sample_instants(plan))[0]
     torques = executive.gravity_torque[0]
     shuffled = list(plan.robot.motor_names[::-1])
@@ -386,6 +395,49 @@ def test_the_node_of_ros_2_commands_joints_in_their_order(
     np.testing.assert_allclose(node.sent[-1], executive.motor_command.ravel(), atol=1e-12)
     node.hear(SimpleNamespace(name=shuffled, position=position, effort=[]))
     assert "has no effort" in node.errors[0]
+
+
+def _let_node_stop(node: Any, replan: Callable[[], Any]) -> None:
+    """Let a node whose robot has stopped hold itself, plan and read the outcome."""
+    has_joint, command = node.has_joint, node.executive.motor_command
+    node.executive = SimpleNamespace(
+        finished=True, stopped="RF has slid 60 mm off its foothold", motor_command=command,
+        step=lambda *readings: None, replan=replan,
+    )  # fmt: skip
+    names = list(node.place)
+    zeros = [0.0] * int(has_joint.sum())
+    node.hear(SimpleNamespace(name=names, position=zeros, effort=zeros))
+    for _ in range(498):
+        node.tick()
+    assert node.planning is None  # it is at rest first
+    for _ in range(4):
+        node.tick()
+    wait([node.planning] if node.planning is not None else [])
+    node.tick()
+
+
+def test_the_node_of_ros_2_goes_on_by_a_plan_from_where_it_stands(node: Any) -> None:
+    following = SimpleNamespace(
+        finished=False, stopped="", motor_command=np.ones_like(node.angles), step=lambda *_: None
+    )
+    _let_node_stop(node, lambda: following)
+    assert node.executive is following
+    assert node.notes == ["goes on by a plan from where it stands"]
+    node.tick()
+    np.testing.assert_array_equal(node.sent[-1], 1.0)
+
+
+def test_the_node_of_ros_2_holds_itself_where_there_is_no_plan(node: Any) -> None:
+    def replan() -> None:
+        raise Unresolved("no plan from the measured stance", because="none was found")
+
+    _let_node_stop(node, replan)
+    assert "no plan from where it stands: no plan from the measured stance" in node.notes[0]
+    sent = len(node.sent)
+    for _ in range(600):
+        node.tick()
+    assert len(node.sent) == sent + 600  # it goes on to hold itself
+    assert len(node.notes) == 1
 
 
 def test_plans_timed_by_their_dynamics_are_refused(planned: Planned) -> None:

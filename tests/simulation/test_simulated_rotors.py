@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from climbplan.cli.simulate import ScaleOrValue, parse_scale
+from climbplan.cli.simulate_options import ScaleOrValue, parse_scale
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.simulation.implicit_dynamics.engine import build_robot, prepare_steps

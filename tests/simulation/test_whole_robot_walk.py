@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from walking_urdf import planned_walk
 
-from climbplan.cli.simulate import parse_push
+from climbplan.cli.simulate_options import parse_push
 from climbplan.errors import UsageError
 from climbplan.robots.urdf.walking_body import TO_WALKING
 from climbplan.simulation.conditions import NOMINAL, Conditions

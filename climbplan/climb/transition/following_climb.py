@@ -109,7 +109,7 @@ def _build_climb_scene(loaded: LoadedTransition, scene: TransitionScene) -> Clim
     }
     com = (float(goal.com[0]), float(goal.com[1]), float(goal.com[2]))
     start = StartSpec(com=com, rpy_deg=scene.spec.task.goal.rpy_deg, toes=toes)
-    climb_spec = _build_climb_spec(scene.spec, start)
+    climb_spec = build_climb_spec(scene.spec, start)
     built = build_scene(climb_spec, loaded.robot, loaded.source, loaded.directory)
     # Toes are those of the transition to the last digit, so that the postures join.
     stance = to_body(goal.com, goal.rpy, goal.toes)
@@ -117,7 +117,11 @@ def _build_climb_scene(loaded: LoadedTransition, scene: TransitionScene) -> Clim
     return replace(built, robot=robot, terrain=scene.terrain, start=goal)
 
 
-def _build_climb_spec(spec: TransitionSpec, start: StartSpec) -> ClimbSpec:
+def build_climb_spec(spec: TransitionSpec, start: StartSpec) -> ClimbSpec:
+    """Build the spec of the climb that follows a transition, from a start of its own.
+
+    Raises ValueError for a transition that no climb follows.
+    """
     climb = spec.climb
     if climb is None:
         raise ValueError("the spec asks for no climb")

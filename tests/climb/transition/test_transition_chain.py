@@ -10,15 +10,17 @@ import numpy as np
 import pytest
 from scenes import PlannedScenes
 
-from climbplan.climb.check.verification import verify, verify_and_mark
+from climbplan.climb.check.verification import verify, verify_and_mark, verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.planner.start_from_plan import resolve_start_plan
 from climbplan.climb.schema.loading import load_climb, load_text
 from climbplan.climb.schema.transition_loading import load_transition
+from climbplan.climb.simulation.executive.replanning import MeasuredStance, replan_climb
 from climbplan.climb.transition.planner import plan_transition
-from climbplan.errors import SpecError
+from climbplan.errors import SpecError, UsageError
+from climbplan.robots.rotations import rotation_world_body
 
 SPECS = Path(__file__).parents[3] / "specs"
 MISSION = SPECS / "mission_ground_to_top.yaml"
@@ -142,3 +144,37 @@ def test_tampering_with_a_mission_is_found(
     with h5py.File(tmp_path / "plan.h5", "r+") as file:
         change(file)
     assert check in {c.name for c in verify(tmp_path / "plan.h5").failed}
+
+
+def _stand(plan: ClimbPlan, instant: int, limb: int, slide: float) -> MeasuredStance:
+    """Return the stance before a lift of a plan, with a toe that has slid down [m]."""
+    instants = plan.instants
+    toes = instants.toes[instant].copy()
+    toes[limb, 2] -= slide
+    return MeasuredStance(
+        com=instants.com[instant],
+        rotation=rotation_world_body(instants.rpy[instant]),
+        toes=toes,
+        friction=np.ones(len(plan.terrain.surfaces)),
+        load=np.zeros(6),
+        instant=instant,
+        next_instant=instant + 1,
+    )
+
+
+def test_the_climb_of_a_mission_is_planned_anew(mission: ClimbPlan) -> None:
+    first = int(np.flatnonzero(mission.instants.round > 2)[0])
+    stance = _stand(mission, first + 3, 1, 0.03)  # in the first round of two
+    rest = replan_climb(mission, stance)
+    assert rest.kind == "climb"
+    assert verify_plan(rest).passed
+    np.testing.assert_allclose(rest.rounds.com[0], stance.com, atol=1e-12)
+    np.testing.assert_allclose(rest.rounds.toes[0], stance.toes, atol=1e-3)
+    np.testing.assert_array_equal(rest.limits.goal_com, mission.limits.goal_com)
+    assert rest.rounds.count in (2, 3)
+    assert rest.limits.safety_torque == mission.limits.safety_torque
+
+
+def test_transitions_are_not_planned_anew(mission: ClimbPlan) -> None:
+    with pytest.raises(UsageError, match="is a transition: only climbs are planned anew"):
+        replan_climb(mission, _stand(mission, 1, 1, 0.0))

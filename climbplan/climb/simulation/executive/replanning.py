@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+import yaml
 from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array
@@ -20,15 +21,20 @@ from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.scene.climb_scene import compute_stated_toes
 from climbplan.climb.schema.loading import LoadedClimb, load_planned_climb
-from climbplan.climb.schema.model import ClimbSpec
+from climbplan.climb.schema.model import ClimbSpec, StartSpec
+from climbplan.climb.schema.transition import TransitionSpec
+from climbplan.climb.transition.following_climb import build_climb_spec
 from climbplan.errors import NoPlanFound, SpecError, Unresolved, UsageError
+from climbplan.schema.kinds import validate_kind
 from climbplan.schema.overrides import Override
 from climbplan.schema.robots.stored import NotKept
+from climbplan.schema.yaml_source import parse_yaml
 
 _MIN_SLIDE = 0.01  # [m] from which on a toe is off its foothold, so that it moves first
 _MIN_LOAD = 0.05  # of the robot's weight, from which on an unknown load is planned with
 _SAFETY_FRICTION = 1.3  # most that is asked for on friction that slips have shown
 _OPTION = "measured stance"
+_METHOD_OF_FOLLOWING_CLIMBS = "micp"
 
 
 @dataclass(frozen=True)
@@ -55,16 +61,16 @@ def replan_climb(plan: ClimbPlan, stance: MeasuredStance) -> ClimbPlan:
         A verified plan, whose spec states what was measured.
 
     Raises:
-        UsageError: The plan is no climb limb by limb, or does not carry what its spec names.
+        UsageError: The plan is a transition from which no climb has begun, or it does not carry
+            what its spec names.
         Unresolved: None of the orders of limbs and numbers of rounds that were tried has a
             verified plan.
     """
-    if plan.kind != "climb":
-        raise UsageError(f"{plan.name} is a {plan.kind}: only climbs are planned anew")
     reasons: list[str] = []
     try:
+        text = plan.spec_text if plan.kind == "climb" else _state_following_climb(plan, stance)
         robot_fields = {field.name: getattr(plan.robot, field.name) for field in fields(plan.robot)}
-        planned = load_planned_climb(plan.spec_text, plan.name, plan.robot_texts, robot_fields)
+        planned = load_planned_climb(text, plan.name, plan.robot_texts, robot_fields)
         measured = planned.with_overrides(_state_stance(plan, planned.spec, stance))
     except (NotKept, SpecError) as error:
         raise UsageError(f"{plan.name} cannot be planned anew: {error}") from error
@@ -78,6 +84,26 @@ def replan_climb(plan: ClimbPlan, stance: MeasuredStance) -> ClimbPlan:
         reasons.append(reason)
     tried = f"{len(reasons)} combinations of an order of limbs and a number of rounds were tried"
     raise Unresolved(f"no plan from the measured stance: {reasons[0]}", because=tried)
+
+
+def _state_following_climb(plan: ClimbPlan, stance: MeasuredStance) -> str:
+    """Return the spec of the climb that follows a transition, as text; its start is to be set.
+
+    Raises UsageError while the transition goes on, and where no climb follows it.
+    """
+    document = parse_yaml(plan.spec_text, plan.name)
+    spec, findings = validate_kind(document, "transition", TransitionSpec)
+    if spec is None:
+        raise SpecError(document.source, document.mistakes(findings))
+    if spec.climb is None or plan.instants.round[stance.next_instant] <= spec.task.rounds:
+        raise UsageError(
+            f"{plan.name} is a transition: only climbs are planned anew, also those that follow "
+            "transitions"
+        )
+    climb = build_climb_spec(spec, StartSpec(com=(0.0, 0.0, 0.0)))
+    stated = climb.model_dump(mode="json", exclude_unset=True, by_alias=True)
+    stated["force"] = spec.force.model_dump(mode="json", by_alias=True)  # whose defaults differ
+    return yaml.safe_dump(stated, sort_keys=False)
 
 
 def _try_plan(loaded: LoadedClimb) -> tuple[ClimbPlan | None, str]:
@@ -105,9 +131,11 @@ def _state_stance(plan: ClimbPlan, spec: ClimbSpec, stance: MeasuredStance) -> l
         "rpy_deg": Rotation.from_matrix(stance.rotation).as_euler("xyz", degrees=True).tolist(),
         "toes": dict(zip(plan.robot.limb_names, toes.tolist(), strict=True)),
     }
+    # Of `auto` the one that it chose
+    method = plan.solvers["method"] if plan.kind == "climb" else _METHOD_OF_FOLLOWING_CLIMBS
     overrides = [
         Override.of("task.start", start, _OPTION),
-        Override.of("solver.method", plan.solvers["method"], _OPTION),  # of `auto` the one it chose
+        Override.of("solver.method", method, _OPTION),
         Override("study", "null", _OPTION),
     ]
     load = -float(stance.load[2])  # [N] downwards
@@ -147,14 +175,15 @@ def _find_friction_key(spec: ClimbSpec, name: str) -> str:
 def _list_attempts(plan: ClimbPlan, stance: MeasuredStance) -> Iterator[tuple[list[str], int]]:
     """Yield orders of limbs and numbers of rounds, the most promising first."""
     instants, names = plan.instants, plan.robot.limb_names
-    order = [int(np.flatnonzero(row)[0]) for row in instants.lifted[::2][: len(names)]]
+    number = int(instants.round[stance.next_instant])
+    order = np.nonzero(instants.lifted[instants.round == number])[1].tolist()
     moving = int(np.flatnonzero(instants.lifted[stance.next_instant])[0])
     position = order.index(moving)
     planned = order[position:] + order[:position]
     slide = np.linalg.norm(stance.toes - instants.toes[stance.instant], axis=1)
     slid = [limb for limb in np.argsort(-slide).tolist() if slide[limb] > _MIN_SLIDE]
     first = slid + [limb for limb in planned if limb not in slid]
-    rounds = plan.rounds.count - int(instants.round[stance.next_instant]) + 1
+    rounds = plan.rounds.count - number + 1
     orders = [first, planned] if first != planned else [planned, planned[1:] + planned[:1]]
     for gait in orders:
         for extra in (0, 1):

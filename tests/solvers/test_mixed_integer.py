@@ -10,12 +10,14 @@ import pytest
 from random_programs import random_program
 from scipy import sparse
 
+from climbplan.certificates.checker import check
 from climbplan.errors import UsageError
 from climbplan.instances.cart_pole import MAX_STATE, PUSHED, build_walled_cart_pole
 from climbplan.methods.candidate_solving import candidate_at
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
+from climbplan.solvers.mixed_integer import method
 from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, solve_least_distance
 from climbplan.solvers.mixed_integer.indicator_form import build_indicator_form
 from climbplan.solvers.mixed_integer.leaf_cover import build_horizon_shift
@@ -422,17 +424,8 @@ def test_costs_of_fixed_variables_leave_others_their_scale() -> None:
     assert result.objective == pytest.approx(-2.0, abs=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("demand", "optimum"),
-    [
-        ((61.2, 112.0, 69.3, 90.5, 81.0, 90.7), 7860.7134),
-        ((158.0, 90.0, 79.0, 146.0, 85.0, 113.0), 10990.97),
-    ],
-)
-def test_leaves_on_which_the_active_set_fails_are_solved(
-    demand: tuple[float, ...], optimum: float
-) -> None:
-    """Unit commitment, whose start-ups cost nothing to second order: optima are SCIP's."""
+def _state_unit_commitment(demand: tuple[float, ...]) -> Program:
+    """Start-ups and commitments, which cost nothing to second order."""
     steps, largest, smallest = len(demand), np.array([100, 80, 50.0]), np.array([30, 20, 10.0])
     program = Program("unit commitment")
     on = program.binary("on", (3, steps))
@@ -448,7 +441,54 @@ def test_leaves_on_which_the_active_set_fails_are_solved(
     fixed, started = np.array([200, 150, 80.0]), np.array([500, 300, 100.0])
     program.minimise("fuel", fuel)
     program.minimise("fixed", np.sum(fixed[:, None] * on) + np.sum(started[:, None] * start))
-    solution = solve_mixed_integer(program.instantiate({}))
+    return program
+
+
+_DEMANDS = [
+    ((61.2, 112.0, 69.3, 90.5, 81.0, 90.7), 7860.7134),
+    ((158.0, 90.0, 79.0, 146.0, 85.0, 113.0), 10990.97),
+]  # with the optima of SCIP
+
+
+@pytest.mark.parametrize(
+    ("demand", "optimum", "repeats"),
+    [(*_DEMANDS[0], True), (*_DEMANDS[1], True), (*_DEMANDS[0], False)],
+)
+def test_leaves_on_which_the_active_set_fails_are_solved(
+    demand: tuple[float, ...], optimum: float, repeats: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a larger proximal term, or without it by an interior-point method."""
+    if not repeats:
+        monkeypatch.setattr(method, "build_mixed_integer_program", _build_by_curvature)
+    solution = solve_mixed_integer(_state_unit_commitment(demand).instantiate({}))
     assert solution.status == "optimal"
     assert solution.objective == pytest.approx(optimum, rel=1e-4)
     assert optimum * (1 - 1e-4) <= solution.bound <= optimum * (1 + 1e-9)
+    is_resolved = any("interior-point" in line for line in solution.log)
+    assert is_resolved != repeats
+
+
+def _build_by_curvature(*arguments: Any, by_gradient: bool = False) -> Any:
+    """Build a program whose proximal term is that of its curvature in any case."""
+    return build_mixed_integer_program(*arguments[:4])
+
+
+@pytest.mark.parametrize(("demand", "optimum"), _DEMANDS)
+def test_searches_that_lose_accuracy_are_certified(
+    demand: tuple[float, ...], optimum: float
+) -> None:
+    instance = _state_unit_commitment(demand).instantiate({})
+    tree = WarmStartedTree(proves=True)
+    for _ in range(2):  # the second search begins with the larger term
+        assert tree.solve(instance).status == "optimal"
+        assert tree.by_gradient
+        assert tree.certificate is not None
+        assert optimum * (1 - 2e-4) <= tree.certificate.bound <= optimum
+        assert check(instance, tree.certificate).bound == tree.certificate.bound
+
+
+def test_costs_with_curvature_keep_their_proximal_term() -> None:
+    tree = WarmStartedTree()
+    for seed in range(5):
+        tree.solve(random_program(seed).instantiate({}))
+    assert not tree.by_gradient

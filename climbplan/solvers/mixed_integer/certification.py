@@ -36,22 +36,20 @@ _MAX_SPLITS = 10_000  # largest number of splits beyond those of the search
 
 
 def certify_search(
-    instance: Instance, tree: SearchedTree, bound: float, deadline: float = np.inf
+    instance: Instance, tree: SearchedTree, bound: float, cost: float, deadline: float = np.inf
 ) -> Certificate:
     """Build the certificate of a tree that has run, as far as it has come.
 
     Args:
         instance: The stated instance.
-        of: The tree.
-        bound: Bound that the tree claims; leaves are refined only where they prove less.
+        tree: The tree.
+        bound: Bound that is claimed; leaves are refined only where they prove less.
+        cost: Cost of the incumbent, infinite without one.
         deadline: Time of `time.perf_counter` [s] after which leaves are refined no further, so that
             the certificate may prove less.
     """
-    best, gap = (
-        float(tree.search.scalars[slots.INCUMBENT_COST]),
-        float(tree.search.scalars[slots.GAP]),
-    )
-    required_bound = compute_closing_bound(best, gap, compute_zero_cost(instance))
+    gap = float(tree.search.scalars[slots.GAP])
+    required_bound = compute_closing_bound(cost, gap, compute_zero_cost(instance))
     tolerance = min(_SHORTFALL, 0.1 * gap) * max(abs(bound), 1.0) if np.isfinite(bound) else 0.0
     return _Prover(instance, min(required_bound, bound - tolerance), deadline, tree).certify()
 

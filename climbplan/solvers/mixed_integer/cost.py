@@ -17,7 +17,7 @@ from climbplan.program.instance import Instance
 from climbplan.solvers.mixed_integer.row_stack import Coordinates
 from climbplan.solvers.separable_cost import NotConvexCost, describe_nonconvexity, is_convex
 
-_PROXIMAL = 1e-6  # of the cost's own curvature over the box
+_PROXIMAL = 1e-6  # of the cost's own curvature over the box, or of its linear part
 _FLAT = 1e-11  # pivot of the Hessian below which a direction is flat, relative
 _MARGIN = 1e-3  # relative, of the largest cost of a feasible point: tiny ranges amplify rounding
 
@@ -39,8 +39,15 @@ class Cost:
     u: Array  # (k,) L u = g - eps center
 
 
-def build_cost(instance: Instance, space: Coordinates) -> Cost:
+def build_cost(instance: Instance, space: Coordinates, by_gradient: bool = False) -> Cost:
     """Build the cost over the independent variables w.
+
+    Args:
+        instance: Instance with a convex cost.
+        space: The independent variables.
+        by_gradient: Whether the linear cost sets the size of the proximal term where it outweighs
+            the curvature. The term is larger then, so that bounds take more proximal steps, but
+            the active-set method keeps its accuracy along flat directions.
 
     Raises:
         Unbounded: A direction without cost is not bounded.
@@ -54,17 +61,7 @@ def build_cost(instance: Instance, space: Coordinates) -> Cost:
     low, high = space.lower[space.independent], space.upper[space.independent]
     half = 0.5 * (high - low)
     bounded = np.isfinite(half)
-    reach = np.where(bounded, np.maximum(half, 1e-9), 1.0)
-    varied = bounded & (half > 0.0)  # the cost along fixed variables tells nothing of its size
-    max_curvature = float(np.max(np.diag(H) * reach**2, initial=0.0, where=varied))
-    eta = _PROXIMAL * (max_curvature or float(np.sum(np.abs(g) * reach, where=varied)) or 1.0)
-    eps = np.where(bounded, eta / reach**2, 0.0)
-    top = float(np.abs(np.diag(H)).max(initial=0.0))
-    # Where bounds leave next to nothing the term need not grow beyond all others
-    wide = float(np.median(reach[bounded])) if bounded.any() else 1.0
-    eps = np.clip(eps, 1e-9 * top, max(top, eta / wide**2))
-    eps = np.where(bounded, eps, 0.0)
-    eps = np.minimum(eps, np.where(half > 0, np.inf, 1.0))
+    eps = _size_proximal_term(H, g, half, by_gradient)
     center = np.zeros(k)
     center[bounded] = 0.5 * (low[bounded] + high[bounded])
     L = _factor(H + np.diag(eps), bounded)
@@ -84,6 +81,27 @@ def build_cost(instance: Instance, space: Coordinates) -> Cost:
         L=L,
         u=solve_triangular(L, g - eps * center, lower=True) if k else np.zeros(0),
     )
+
+
+def _size_proximal_term(H: Array, g: Array, half: Array, by_gradient: bool) -> Array:
+    """Return eps (k,) of the proximal term, 0 where the half width `half` of a range is infinite.
+
+    Its largest value eps half^2 / 2 is about the same for all variables.
+    """
+    bounded = np.isfinite(half)
+    reach = np.where(bounded, np.maximum(half, 1e-9), 1.0)
+    varied = bounded & (half > 0.0)  # the cost along fixed variables tells nothing of its size
+    max_curvature = float(np.max(np.diag(H) * reach**2, initial=0.0, where=varied))
+    linear_cost = float(np.sum(np.abs(g) * reach, where=varied))
+    size = max(max_curvature, linear_cost) if by_gradient else max_curvature or linear_cost
+    eta = _PROXIMAL * (size or 1.0)
+    eps = np.where(bounded, eta / reach**2, 0.0)
+    top = float(np.abs(np.diag(H)).max(initial=0.0))
+    # Where bounds leave next to nothing the term need not grow beyond all others
+    wide = float(np.median(reach[bounded])) if bounded.any() else 1.0
+    eps = np.clip(eps, 1e-9 * top, max(top, eta / wide**2))
+    eps = np.where(bounded, eps, 0.0)
+    return np.asarray(np.minimum(eps, np.where(half > 0, np.inf, 1.0)))
 
 
 def _factor(regular: Array, bounded: BoolArray) -> Array | None:

@@ -22,7 +22,7 @@ from climbplan.solvers.mixed_integer.leaf_cover import HorizonShift
 from climbplan.solvers.mixed_integer.multiplier_map import SearchedTree
 from climbplan.solvers.mixed_integer.nodes import UNLIMITED
 from climbplan.solvers.mixed_integer.presolve import build_mixed_integer_program
-from climbplan.solvers.mixed_integer.problem_data import ProvedInfeasible
+from climbplan.solvers.mixed_integer.problem_data import MixedIntegerProgram, ProvedInfeasible
 from climbplan.solvers.mixed_integer.tree_run import MEMORY, TreeRun
 from climbplan.solvers.mixed_integer.warm_start import WarmStart, WarmStartedSolver
 from climbplan.solvers.mixed_integer.warm_up import warm_up_kernels
@@ -37,6 +37,7 @@ from climbplan.solvers.result import (
     judge_answer,
 )
 
+_MAX_GIVEN_UP = 20  # leaves after which a search begins again with a larger proximal term
 _MAX_RESOLVED = 2000  # leaves that an interior-point method solves again
 NAME = "branch-and-bound"
 
@@ -77,6 +78,8 @@ class WarmStartedTree(WarmStartedSolver):
 
     MAX_LEAVES = 400
 
+    by_gradient = False  # whether the linear cost, too, sets the size of the proximal term
+
     def solve(
         self,
         instance: Instance,
@@ -101,8 +104,9 @@ class WarmStartedTree(WarmStartedSolver):
         name = "tree with certificates" if self.proves else "tree"
         warm_up_kernels(name, WarmStartedTree(proves=self.proves).solve)
         begin = time.perf_counter()
+        deadline, nodes = begin + time_limit, max(nodes, 1 if proposals else 0)
         form = build_indicator_form(instance)
-        program = build_mixed_integer_program(instance, form, begin + time_limit)
+        program = build_mixed_integer_program(instance, form, deadline, None, self.by_gradient)
         if program is None:
             if self.proves:
                 self.certificate = certify_without_search(instance, -np.inf)
@@ -119,25 +123,57 @@ class WarmStartedTree(WarmStartedSolver):
         if proposals:
             points = np.stack([form.encode_point(p.values, p.alternatives) for p in proposals])
             run.propose(np.round(points[:, program.entities]).astype(np.int64))
-        deadline, nodes = begin + time_limit, max(nodes, 1 if proposals else 0)
         if leaves is not None and warm_started:
             run.run_until(deadline, min(nodes, WarmStart.compute_node_limit(leaves)))
             if not run.is_finished and not run.has_used_budget and time.perf_counter() < deadline:
                 run = TreeRun.create(program, self.gap, self.tolerance, leaves.root(), self.work)
                 warm_started = False
-        run.run_until(deadline, nodes)
+        run = self._run_accurately(instance, form, run, deadline, nodes)
         if proposals and run.has_used_budget and run.recover_incumbent() is None:
             run.search.counters[slots.MAX_DUAL_STEPS] = UNLIMITED
             run.run_until(deadline, nodes)
         self.warm_start.store(run, form, leaves, warm_started, run.recover_incumbent(), self.work)
+        answer = build_answer(instance, form, run, begin, known_result)
+        answer = _resolve_given_up_leaves(instance, form, run, answer, deadline)
         if self.proves:
             tree = SearchedTree(instance, form, run.program, run.search, run.tree, np.zeros(0, int))
+            cost = np.inf if answer.x is None else instance.objective(answer.x)
             proof_limit = compute_proof_deadline(begin, deadline)
-            self.certificate = certify_search(instance, tree, run.bound, proof_limit)
-        answer = build_answer(instance, form, run, begin, known_result)
-        if not self.proves:  # a certificate has the bounds of the search alone
-            answer = _resolve_given_up_leaves(instance, form, run, answer, deadline)
+            self.certificate = certify_search(instance, tree, answer.bound, cost, proof_limit)
         return judge_answer(instance, answer, self.gap, self.tolerance)
+
+    def _run_accurately(
+        self, instance: Instance, form: IndicatorForm, run: TreeRun, deadline: float, nodes: int
+    ) -> TreeRun:
+        """Run a search; where it gives up leaves, return another one with a larger proximal term.
+
+        Later instances begin with the larger term. Limits of nodes or dual steps forbid a second
+        search.
+
+        Args:
+            instance: The instance.
+            form: Its indicator form.
+            run: The search.
+            deadline: Time of `time.perf_counter` [s].
+            nodes: Largest number of nodes.
+        """
+        may_repeat = not self.by_gradient and self.work == UNLIMITED and nodes == UNLIMITED
+        run.max_given_up = _MAX_GIVEN_UP if may_repeat else UNLIMITED
+        run.run_until(deadline, nodes)
+        cost = float(run.search.scalars[slots.INCUMBENT_COST])
+        is_proved = run.bound >= compute_closing_bound(cost, self.gap, run.program.zero_cost)
+        if not may_repeat or not run.num_given_up or is_proved or time.perf_counter() >= deadline:
+            return run
+        program = build_mixed_integer_program(instance, form, deadline, None, by_gradient=True)
+        if not isinstance(program, MixedIntegerProgram):
+            return run
+        self.by_gradient = True
+        repetition = TreeRun.create(program, self.gap, self.tolerance)
+        if np.isfinite(cost):
+            repetition.propose(run.search.best_integers[None])
+        repetition.run_until(deadline, nodes)
+        is_better = repetition.is_finished or repetition.bound >= run.bound
+        return repetition if is_better else run
 
 
 def _resolve_given_up_leaves(

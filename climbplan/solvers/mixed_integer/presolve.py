@@ -53,6 +53,7 @@ def build_mixed_integer_program(
     form: IndicatorForm,
     deadline: float = np.inf,
     factors: ProductFactors | None = None,
+    by_gradient: bool = False,
 ) -> MixedIntegerProgram | ProvedInfeasible | None:
     """Build the program of an instance's indicator form; None where the deadline comes first.
 
@@ -61,6 +62,7 @@ def build_mixed_integer_program(
         form: Its indicator form.
         deadline: Time of `time.perf_counter` [s], checked between the steps.
         factors: Factors of products, where there are any.
+        by_gradient: Whether the linear cost, too, sets the size of the proximal term.
 
     Raises:
         UsageError: A direction without cost is not bounded.
@@ -73,7 +75,7 @@ def build_mixed_integer_program(
         return ProvedInfeasible("equations contradict each other")
     if time.perf_counter() >= deadline:
         return None
-    cost = build_cost(instance, space)
+    cost = build_cost(instance, space, by_gradient)
     if time.perf_counter() >= deadline:
         return None
     stack = stack_rows(form, space)

@@ -238,8 +238,9 @@ class WarmStartedSpatialTree(WarmStartedSolver):
             tree = SearchedTree(
                 factors.instance, form, run.program, run.search, run.tree, factors.space
             )
+            cost = float(run.search.scalars[slots.INCUMBENT_COST])
             proof_limit = compute_proof_deadline(begin, deadline)
-            self.certificate = certify_search(instance, tree, run.bound, proof_limit)
+            self.certificate = certify_search(instance, tree, run.bound, cost, proof_limit)
             return answer
         return self._branch_and_reduce(instance, incumbent, answer, deadline, nodes)
 

@@ -59,6 +59,7 @@ class TreeRun:
     search: SearchState
     tree: NodeTree
     is_full: bool = False  # whether the nodes have reached the memory limit
+    max_given_up: int = UNLIMITED  # leaves without a proof at which the search ends
 
     @classmethod
     def create(
@@ -126,7 +127,7 @@ class TreeRun:
                 self.tree = _double_capacity(self.tree)
             if reason == slots.GROW_ROWS:
                 self._double_rows()
-            if time.perf_counter() >= deadline:
+            if time.perf_counter() >= deadline or self.num_given_up >= self.max_given_up:
                 return
 
     def _double_rows(self) -> None:
@@ -180,6 +181,11 @@ class TreeRun:
         if counters[slots.DIVE_NODE] >= 0:
             bound = min(bound, float(self.tree.bound[counters[slots.DIVE_NODE]]))
         return min(bound, float(scalars[slots.INCUMBENT_COST]))
+
+    @property
+    def num_given_up(self) -> int:
+        """Return the number of leaves that were neither solved nor proved infeasible."""
+        return int(self.search.counters[slots.NUM_UNPROVED])
 
     @property
     def is_finished(self) -> bool:

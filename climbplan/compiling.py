@@ -25,6 +25,7 @@ import numba
 from numba.core import compiler as numbas_own
 from numba.core import event
 
+from climbplan.precompiled import attach_carried_code
 from climbplan.progress import report_compilation
 
 config: Any = numba.config
@@ -58,8 +59,9 @@ def create_compiler(
     (`joined_code`), which halves the time for a tree of calls. An array assigned to a slice of
     another costs seconds of compilation; a loop does not.
 
-    Code is stored in the first writable of these: the user's NUMBA_CACHE_DIR, the folder's byte-
-    code directory, the user's cache directory. Without any, each process compiles.
+    Code that a wheel carries is taken first (`precompiled`). Other code is stored in the first
+    writable of these: the user's NUMBA_CACHE_DIR, the folder's byte-code directory, the user's
+    cache directory. Without any, each process compiles.
 
     Args:
         folder: Folder of the functions.
@@ -72,24 +74,29 @@ def create_compiler(
     """
 
     def compiled(function: Function) -> Function:
-        place = _select_directory(folder, sources, generated_from)
+        name = _name_directory(folder, sources, generated_from)
+        place = _select_directory(folder, name)
+        is_inner = function.__name__.startswith("_")
         inner, outer = select_pipelines(numba.version_info.short)
         options: dict[str, Any] = {
             "cache": place is not None,
             "error_model": "numpy",  # division by zero gives infinity, as in NumPy
             "no_cfunc_wrapper": True,
             "nogil": releases_gil,
-            "no_cpython_wrapper": function.__name__.startswith("_"),
-            "pipeline_class": inner if function.__name__.startswith("_") else outer,
+            "no_cpython_wrapper": is_inner,
+            "pipeline_class": inner if is_inner else outer,
         }
-        if borrows_references and function.__name__.startswith("_"):
+        if borrows_references and is_inner:
             options["_nrt"] = False
         users = config.CACHE_DIR
         try:
             config.CACHE_DIR = place or ""
-            return cast("Function", numba.njit(**options)(function))
+            dispatcher = numba.njit(**options)(function)
         finally:
             config.CACHE_DIR = users
+        if not is_inner:  # whose code is part of that of their callers
+            attach_carried_code(dispatcher, name)
+        return cast("Function", dispatcher)
 
     return compiled
 
@@ -110,16 +117,19 @@ def select_pipelines(version: tuple[int, int]) -> tuple[type[Any], type[Any]]:
 
 
 @cache
-def _select_directory(
-    folder: Path, sources: str | tuple[str, ...], generated_from: bytes
-) -> str | None:
-    """Return the directory of a folder's compiled code, None if none is writable."""
+def _name_directory(folder: Path, sources: str | tuple[str, ...], generated_from: bytes) -> str:
+    """Return the name of the directory of a folder's compiled code, by a hash of its sources."""
     digest = hashlib.sha256(numba.__version__.encode() + generated_from)
     globs = (sources,) if isinstance(sources, str) else sources
     compiler_files = (Path(__file__), Path(__file__).with_name("joined_code.py"))
     for source in (*compiler_files, *sorted(file for glob in globs for file in folder.glob(glob))):
         digest.update(source.read_bytes())
-    name = f"compiled-{digest.hexdigest()[:16]}"
+    return f"compiled-{digest.hexdigest()[:16]}"
+
+
+@cache
+def _select_directory(folder: Path, name: str) -> str | None:
+    """Return the directory of a folder's compiled code, None if none is writable."""
     bases = [Path(config.CACHE_DIR)] if config.CACHE_DIR else []
     bases += [folder / "__pycache__", *_list_user_caches()]
     return next((str(base / name) for base in bases if _is_writable(base / name)), None)

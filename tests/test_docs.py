@@ -128,8 +128,10 @@ ALONE = {
     "climbplan/arrays.py",
     "climbplan/compiling.py",
     "climbplan/errors.py",
+    "climbplan/precompiled.py",
     "climbplan/progress.py",
     "climbplan/reading.py",
+    "climbplan/wheel_hook.py",
 }
 
 

@@ -61,6 +61,7 @@ def test_the_wheel_holds_all_that_runs_and_nothing_else(built: tuple[Path, Path]
         for path in (ROOT / "specs").iterdir()
         if path.is_file()
     }
+    there.remove("climbplan/wheel_hook.py")  # runs where wheels are built
     own = {name for name in names if ".dist-info/" not in name}
     assert own == there | specs
     assert about["Name"] == PROJECT["name"]

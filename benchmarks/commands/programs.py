@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -89,3 +90,17 @@ def qplib(
     from benchmarks.engine.qplib import run_qplib
 
     run_qplib(run.quick, run.stream, folder, out, time_limit)
+
+
+@benchmark()
+def startup(
+    run: Run,
+    python: Annotated[
+        str | None,
+        name_option("--python", "FILE", "Interpreter whose climbplan is measured [this one]."),
+    ] = None,
+) -> Mapping[str, Any]:
+    """Commands on a machine that has compiled nothing yet, and their second run."""
+    from benchmarks.engine.startup import run_startup
+
+    return {"startup": run_startup(run.quick, run.stream, python or sys.executable)}

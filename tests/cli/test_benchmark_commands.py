@@ -20,7 +20,7 @@ from climbplan.instances import families
 NAMES = {
     "posture", "force", "plan", "coupled", "transition", "mpc", "refusals", "stands", "scans",
     "judge", "zoo", "growth", "windows", "bookshelf", "strategies", "limms", "instances", "engine",
-    "courses", "conic", "qplib", "closed_loop", "learned", "motions",
+    "courses", "conic", "qplib", "closed_loop", "learned", "motions", "startup",
 }  # fmt: skip
 SHARED = {"--quick", "--json", "--quiet", "--verbose"}
 
@@ -60,6 +60,7 @@ def test_each_benchmark_has_its_own_options_and_the_shared_ones() -> None:
         "motions",
         "qplib",
         "scans",
+        "startup",
     }
     assert {name for name, found in options.items() if "--force" in found} == {
         "bookshelf",
@@ -81,6 +82,7 @@ def test_each_benchmark_has_its_own_options_and_the_shared_ones() -> None:
         (("limms", "--methods", "modes,exact", "--count", "0"), "expected some of modes, admm"),
         (("instances", "--methods", "cplex"), "no 'cplex', known are"),
         (("instances", "--count", "0"), "--count"),
+        (("startup", "--quick", "--python", "nowhere/python"), "nowhere/python"),
         (("motions",), "expected some of --dataset DIR"),
         (("motions", "--scenes", "climb_nowhere"), "no scene 'climb_nowhere'"),
         (("closed_loop", "--scenes", "climb_nowhere"), "'climb_nowhere' is unknown"),

@@ -16,9 +16,10 @@ import numba
 import pytest
 
 import climbplan
-from climbplan import compiling
+from climbplan import compiling, precompiled, wheel_hook
 from climbplan.cli.console import Invocation, plain_messages
 from climbplan.solvers.mixed_integer.compiling import SOURCES
+from climbplan.wheel_hook import PrecompilingHook
 
 PACKAGE = Path(climbplan.__file__).parent
 ROOM = """
@@ -257,3 +258,91 @@ def test_later_versions_of_numba_compile_by_their_own_passes() -> None:
     own = numba.core.compiler.Compiler
     assert compiling.select_pipelines((99, 0)) == (own, own)
     assert own not in compiling.select_pipelines((0, 60))
+
+
+CARRYING = """
+import os, runpy, sys
+from pathlib import Path
+from climbplan import precompiled
+precompiled.CARRIED = Path(os.environ["CARRIED"])
+if "old" in sys.argv:
+    precompiled._FEATURES = ("one of later processors",)
+runpy.run_path("compiled_one.py")
+"""
+
+
+def run_carrying(room: Path, home: Path, *arguments: str) -> str:
+    """Return the cache hits of a run with the code of a wheel and no other."""
+    environment = {"HOME": str(home), "CARRIED": str(home.parent / "wheel")}
+    return run(room, "-c", CARRYING, *arguments, **environment).stdout
+
+
+def test_code_of_a_wheel_is_taken_before_any_other(room: Path, tmp_path: Path) -> None:
+    home, wheel = tmp_path / "home", tmp_path / "wheel"
+    run(
+        room,
+        "compiled_one.py",
+        **precompiled.BUILD_ENVIRONMENT,
+        **{precompiled.DESTINATION: str(wheel)},
+    )
+    stored = {file.name.partition("-")[0] for file in wheel.rglob("*.nbc")}
+    assert stored == {"compiled_one.one"}  # functions that only compiled ones call are part of it
+    shutil.rmtree(room / "__pycache__")
+    forbid_writing(room)
+    assert run_carrying(room, home) == "1\n"
+    assert not list(home.rglob("*.nb?"))
+    if precompiled.LEVEL != "generic":
+        assert run_carrying(room, home, "old") == "0\n"  # a processor below the level
+        assert list(home.rglob("*.nbc"))
+    allow_writing(room)
+    file = room / "compiled_one.py"
+    file.write_text(file.read_text().replace("x + STEPS[i]", "STEPS[i] + x"))
+    assert run_carrying(room, tmp_path / "other_home") == "0\n"
+
+
+class Speaker:
+    """What the hook reports to Hatchling."""
+
+    def display_info(self, message: str) -> None:
+        print(message)
+
+
+def create_hook(folder: Path) -> PrecompilingHook:
+    root = str(PACKAGE.parent)
+    return PrecompilingHook(root, {}, None, None, str(folder), "wheel", Speaker())
+
+
+@pytest.mark.merge
+def test_hook_adds_what_its_examples_compile(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    command = "solve-bookshelf bookshelf_scene.yaml --method exact --no-report"
+    monkeypatch.setattr(wheel_hook, "RUNS", {"book": command})
+    hook, build = create_hook(tmp_path), {"force_include": {}}
+    hook.initialize("standard", build)
+    ((source, target),) = build.pop("force_include").items()
+    assert target == "climbplan/machine_code"
+    assert build == {"pure_python": False, "infer_tag": True}
+    functions = [file.name.split(".")[1] for file in Path(source).rglob("*.nbc")]
+    assert functions
+    assert not any(function.startswith("_") for function in functions)
+    hook.finalize("standard", build, "")
+    assert not Path(source).exists()
+
+
+def test_hook_names_an_example_that_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(wheel_hook, "RUNS", {"book": "solve-bookshelf missing.yaml"})
+    with pytest.raises(RuntimeError, match=r"(?s)solve-bookshelf missing\.yaml.*missing\.yaml: "):
+        create_hook(tmp_path).initialize("standard", {"force_include": {}})
+
+
+def test_hook_leaves_editable_installations_alone(tmp_path: Path) -> None:
+    build: dict[str, object] = {}
+    create_hook(tmp_path).initialize("editable", build)
+    assert build == {}
+
+
+def test_examples_of_the_hook_are_shipped() -> None:
+    for command in wheel_hook.RUNS.values():
+        name = command.split()[1]
+        assert name.startswith("{outputs}") or (PACKAGE.parent / "specs" / name).is_file()

@@ -9,13 +9,12 @@ of a BLAS.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, TypeVar, cast
+from pathlib import Path
 
-import numba
 import numpy as np
 
 from climbplan.arrays import Array, IntArray
+from climbplan.compiling import create_compiler
 
 CONTRADICTION = 1e-9  # tolerance of rows without variables, relative to their entries
 _NOTHING = 1e-11  # coefficients below this are rounding errors
@@ -23,15 +22,10 @@ _PIVOT = 1e-8
 _PASSES = 12
 _ELLIPSOID_MARGIN = 1.25  # bounds of a variable in units of its reach in a sum of squares
 
-Function = TypeVar("Function", bound=Callable[..., object])
+compiled = create_compiler(Path(__file__).parent, "elimination.py")
 
 
-def _compiled(function: Function) -> Function:
-    options: dict[str, Any] = {"cache": True, "error_model": "numpy"}
-    return cast("Function", numba.njit(**options)(function))
-
-
-@_compiled
+@compiled
 def _find_root(a: float, b: float, c: float, low: float, high: float, size: float) -> float:
     """Return the only root of a x^2 + b x + c in [low, high], infinity for two, NaN for none."""
     discriminant = b * b - 4.0 * a * c
@@ -51,7 +45,7 @@ def _find_root(a: float, b: float, c: float, low: float, high: float, size: floa
     return unique_root
 
 
-@_compiled
+@compiled
 def propagate_fixed(
     A: Array,
     Q: Array,
@@ -168,7 +162,7 @@ def propagate_fixed(
     return True
 
 
-@_compiled
+@compiled
 def _bound_ellipsoids(
     A: Array, Q: Array, first: IntArray, second: IntArray, row_upper: Array, low: Array, high: Array
 ) -> None:
@@ -201,7 +195,7 @@ def _bound_ellipsoids(
                     low[j] = -_ELLIPSOID_MARGIN * reach
 
 
-@_compiled
+@compiled
 def eliminate_equations(E: Array, e: Array, preference: Array, pivot: IntArray) -> bool:
     """Solve E x = e for one variable of each row, in place: E[i, pivot[i]] = 1 and 0 in other rows.
 
@@ -243,7 +237,7 @@ def eliminate_equations(E: Array, e: Array, preference: Array, pivot: IntArray) 
     return True
 
 
-@_compiled
+@compiled
 def multiply_sparse(left: Array, right: Array) -> Array:
     """Return left @ right, (m, n) by (n, r), skipping zeros of left."""
     m, n = left.shape

@@ -14,8 +14,11 @@ import platform
 from pathlib import Path
 from typing import Any
 
+import numba
 from llvmlite import binding
 from numba.core import caching
+
+config: Any = numba.config
 
 CARRIED = Path(__file__).with_name("machine_code")  # in a wheel only
 DESTINATION = "CLIMBPLAN_PRECOMPILE_DIR"  # directory that a build stores code in
@@ -23,7 +26,8 @@ _IS_X86 = platform.machine().lower() in ("x86_64", "amd64")
 LEVEL = "x86-64-v3" if _IS_X86 else "generic"  # LLVM's name of the processors
 _FEATURES = ("avx", "avx2", "bmi", "bmi2", "f16c", "fma", "lzcnt", "movbe", "popcnt", "sse4.2")
 
-BUILD_ENVIRONMENT = {"NUMBA_CPU_NAME": LEVEL, "NUMBA_CPU_FEATURES": ""}
+if DESTINATION in os.environ:  # Numba generates code for the level instead of this processor
+    config.CPU_NAME, config.CPU_FEATURES = LEVEL, ""
 
 
 class _Locator(caching._CacheLocator):  # type: ignore[misc]  # Numba has no types

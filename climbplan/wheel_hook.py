@@ -18,8 +18,6 @@ from typing import Any
 
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
-from climbplan.precompiled import BUILD_ENVIRONMENT, CARRIED, DESTINATION
-
 RUNS = {  # commands on examples that use each group of compiled functions, by output directory
     "own": "solve cart_pole.yaml --problem cart_pole.py:problem",
     "own_quadratic": "solve tipped_box.yaml --problem tipped_box.py:problem",
@@ -55,7 +53,7 @@ class PrecompilingHook(BuildHookInterface[Any]):
             self._run([*command.format(outputs=place).split(), "-o", str(place / output)])
         build_data["pure_python"] = False
         build_data["infer_tag"] = True
-        build_data["force_include"][str(place / "code")] = f"climbplan/{CARRIED.name}"
+        build_data["force_include"][str(place / "machine_code")] = "climbplan/machine_code"
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove what is in the wheel now."""
@@ -68,9 +66,8 @@ class PrecompilingHook(BuildHookInterface[Any]):
             cwd=Path(self.root) / "specs",
             env={
                 **os.environ,
-                **BUILD_ENVIRONMENT,
                 "PYTHONPATH": self.root,
-                DESTINATION: str(Path(self._directory.name) / "code"),
+                "CLIMBPLAN_PRECOMPILE_DIR": str(Path(self._directory.name) / "machine_code"),
             },
             stderr=subprocess.PIPE,
             text=True,

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
-from climbplan.robots.chain_kernel import REACHED, ChainTable, solve_toes
 from climbplan.robots.chain_pose import ChainZero
 
 
@@ -49,6 +48,9 @@ def chain_inverse(
         lower: Lower bounds (F, J) [rad, m].
         upper: Upper bounds (F, J) [rad, m].
     """
+    # Loads Numba, which robots with three joints a leg do without
+    from climbplan.robots.chain_kernel import REACHED, ChainTable, solve_toes
+
     unit = chain.unit
     geometry = chain.in_radians()
     units = unit[limbs]
@@ -73,14 +75,16 @@ def chain_inverse(
         np.ascontiguousarray(toes),
         np.ascontiguousarray(lower_angle),
         np.ascontiguousarray(upper_angle),
-        _are_out_of_reach(geometry.rows(limbs), toes, lower_angle, upper_angle),
+        _are_out_of_reach(geometry.rows(limbs), toes, lower_angle, upper_angle, REACHED),
     )
     if chain.slides is not None:
         angles = np.clip(angles * units, lower, upper)
     return ChainAngles(angles, missing <= REACHED, missing)
 
 
-def _are_out_of_reach(geometry: ChainZero, toes: Array, lower: Array, upper: Array) -> BoolArray:
+def _are_out_of_reach(
+    geometry: ChainZero, toes: Array, lower: Array, upper: Array, tolerance: float
+) -> BoolArray:
     """Return the toes (F,) farther from the first joint than all links and slides in one line."""
     ends = np.concatenate([geometry.joints, geometry.toe[:, None]], axis=1)
     length = np.linalg.norm(np.diff(ends, axis=1), axis=-1).sum(axis=-1)
@@ -89,4 +93,4 @@ def _are_out_of_reach(geometry: ChainZero, toes: Array, lower: Array, upper: Arr
         if geometry.drive is not None:
             max_extension = (np.abs(geometry.drive) @ max_extension[..., None])[..., 0]
         length = length + (np.linalg.norm(geometry.slides, axis=-1) * max_extension).sum(axis=-1)
-    return np.asarray(np.linalg.norm(toes - geometry.joints[:, 0], axis=1) > length + REACHED)
+    return np.asarray(np.linalg.norm(toes - geometry.joints[:, 0], axis=1) > length + tolerance)

@@ -11,7 +11,6 @@ from dataclasses import replace
 
 from climbplan.arrays import Array
 from climbplan.climb.forces.planner import plan_forces
-from climbplan.climb.motion.retiming import retime_trajectory
 from climbplan.climb.motion.trajectory import build_timed_motion
 from climbplan.climb.plan.climb_plan import InstantForces, Instants, Rounds, Trajectory
 from climbplan.climb.scene.climb_scene import MotionScene
@@ -48,6 +47,8 @@ def plan_with_torque_reserve(
         if alternative.torque_use < result.torque_use:
             forces, result = forces_again, alternative
     if scene.spec.trajectory.pace is not None:
+        from climbplan.climb.motion.retiming import retime_trajectory
+
         return forces, retime_trajectory(scene, result)
     return forces, result.trajectory
 

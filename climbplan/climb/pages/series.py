@@ -11,7 +11,6 @@ import numpy as np
 
 from climbplan.arrays import Array, BoolArray, IntArray
 from climbplan.climb.plan.climb_plan import ClimbPlan
-from climbplan.reports.sheet import format_limb_name
 from climbplan.robots.joint_units import torque_unit
 
 
@@ -97,5 +96,7 @@ def list_instant_labels(plan: ClimbPlan) -> tuple[str, ...]:
 
 def list_drawn_labels(plan: ClimbPlan) -> tuple[str, ...]:
     """Return where every instant stands in the gait, as it may be drawn."""
+    from climbplan.reports.sheet import format_limb_name  # loads Matplotlib
+
     names = tuple(format_limb_name(name) for name in plan.robot.limb_names)
     return tuple(plan.instants.label(k, names) for k in range(plan.instants.count))

@@ -69,7 +69,7 @@ def learned(
 
 @benchmark()
 def conic(run: Run, seed: Seed = 0) -> None:
-    """200 random mixed-integer programs of CVXPY, quadratic and conic, beside SCIP."""
+    """Problems with integers through CVXPY: random ones, footsteps, graphs of convex sets."""
     from benchmarks.engine.conic import run_conic
 
     run_conic(seed, run.quick, run.stream)

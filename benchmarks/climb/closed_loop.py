@@ -148,7 +148,7 @@ def bench_closed_loop(
     )
     rows: list[ExecutionRow] = []
     for name in names[:1] if quick else names:
-        plan = _plan(Path("specs", f"{name}.yaml"))
+        plan: ClimbPlan | None = None  # once a world is to be simulated
         for kind in [DRAWN] if quick else _KINDS:
             number = _SURPRISE_COUNT if kind != DRAWN else count or _DRAWN_COUNT
             cells = [
@@ -160,6 +160,7 @@ def bench_closed_loop(
                 continue
             for cell in cells:
                 if cell not in measured:
+                    plan = plan or _plan(Path("specs", f"{name}.yaml"))
                     measured[cell] = _execute(plan, *cell, seed=seed)
                     if file is not None:
                         write_rows(file, list(measured.values()))

@@ -289,8 +289,9 @@ def _assemble_plan(
         ),
         notes=(*motion.posture.notes, *motion.tightenings),
         grips=grips,
-        robot_texts=loaded.robot_texts
-        or collect_robot_texts(spec.robot, loaded.directory, loaded.robot),
+        robot_texts=collect_robot_texts(spec.robot, loaded.directory, loaded.robot)
+        if loaded.carried_robot is None
+        else loaded.carried_robot.texts,
         looks=load_visual_geometry(loaded.robot, scene.robot),
     )
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from climbplan.climb.schema.checks import (
     ValidClimbParts,
@@ -21,7 +20,7 @@ from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_
 from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.robots.named import load_robot_of_document, validate_part
 from climbplan.schema.robots.source import AnyRobot
-from climbplan.schema.robots.stored import RobotTexts, build_stored_robot
+from climbplan.schema.robots.stored import CarriedRobot
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.terrain.terrain import TerrainSpec
 from climbplan.schema.yaml_source import parse_yaml
@@ -33,9 +32,7 @@ class LoadedClimb(LoadedSpec):
 
     spec: ClimbSpec
     robot: AnyRobot
-    robot_texts: RobotTexts | None = None  # of a plan, which the robot is from; None: from files
-    # Fields of that plan's robot, of which those that only meshes tell are taken
-    robot_fields: Mapping[str, Any] = field(default_factory=dict, repr=False, compare=False)
+    carried_robot: CarriedRobot | None = None  # of a plan, which the robot is from; None: files
 
     def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedClimb:
         """Return the same climb with other values, for example those of a point of a study.
@@ -44,8 +41,7 @@ class LoadedClimb(LoadedSpec):
             SpecError: Lists every mistake that the overrides cause.
         """
         text = SourceText(self.source, self.name, self.directory, self.text)
-        document = apply_overrides(self.document, overrides)
-        return build_climb(document, text, self.robot_texts, self.robot_fields)
+        return build_climb(apply_overrides(self.document, overrides), text, self.carried_robot)
 
 
 def load_climb(
@@ -84,60 +80,47 @@ def _load(text: SourceText, overrides: Sequence[str | Override]) -> LoadedClimb:
     return build_climb(apply_overrides(parse_yaml(text.text, text.shown), overrides), text)
 
 
-def load_planned_climb(
-    text: str, name: str, robot_texts: RobotTexts, robot_fields: Mapping[str, Any]
-) -> LoadedClimb:
+def load_planned_climb(text: str, name: str, carried_robot: CarriedRobot) -> LoadedClimb:
     """Check the spec of a plan, with the robot files that the plan carries.
 
     Args:
         text: The spec that the plan carries.
         name: Of the plan.
-        robot_texts: Robot files that it carries.
-        robot_fields: Fields of its robot by name, of which those that only meshes tell are taken.
+        carried_robot: The robot that it carries.
 
     Raises:
         NotKept: The plan does not carry its robot, or a field is missing that meshes tell.
         SpecError: Lists every mistake.
     """
     source = SourceText(name, name, Path.cwd(), text)
-    return build_climb(parse_yaml(text, name), source, robot_texts, robot_fields)
+    return build_climb(parse_yaml(text, name), source, carried_robot)
 
 
 def build_climb(
-    document: Document,
-    text: SourceText,
-    robot_texts: RobotTexts | None = None,
-    robot_fields: Mapping[str, Any] | None = None,
+    document: Document, text: SourceText, carried_robot: CarriedRobot | None = None
 ) -> LoadedClimb:
     """Build the loaded climb of a document.
 
     Raises:
         SpecError: Lists every mistake in it.
-        NotKept: There are robot texts that are not the whole robot.
+        NotKept: What is carried is not the whole robot.
     """
-    fields = robot_fields or {}
-    spec, robot = _validate_climb(document, text, robot_texts, fields)
+    spec, robot = _validate_climb(document, text, carried_robot)
     origin = describe_origin(document, text)
-    return LoadedClimb(
-        spec=spec, robot=robot, robot_texts=robot_texts, robot_fields=fields, **origin
-    )
+    return LoadedClimb(spec=spec, robot=robot, carried_robot=carried_robot, **origin)
 
 
 def _validate_climb(
-    document: Document,
-    text: SourceText,
-    robot_texts: RobotTexts | None,
-    robot_fields: Mapping[str, Any],
+    document: Document, text: SourceText, carried_robot: CarriedRobot | None
 ) -> tuple[ClimbSpec, AnyRobot]:
     """Return spec and robot of a document, or raise SpecError with all mistakes."""
     resolve_option_paths(document, [("task", "start", "plan"), ("terrain", "scan", "file")])
     spec, findings = validate_kind(document, "climb", ClimbSpec)
     robot: AnyRobot | None
-    if robot_texts is None:
+    if carried_robot is None:
         robot, robot_mistakes = load_robot_of_document(document, text.directory)
     else:
-        stored = build_stored_robot(document, robot_texts)
-        robot, robot_mistakes = stored.with_mesh_fields(robot_fields), []
+        robot, robot_mistakes = carried_robot.load(document), []
     findings += check_parts(_collect_valid_parts(document, robot))
     if spec is not None:
         findings += check_study(spec)

@@ -15,6 +15,7 @@ from climbplan.schema.loaded import LoadedSpec, describe_origin, resolve_option_
 from climbplan.schema.overrides import Override, apply_overrides
 from climbplan.schema.robots.named import load_robot_of_document, validate_part
 from climbplan.schema.robots.source import AnyRobot
+from climbplan.schema.robots.stored import CarriedRobot
 from climbplan.schema.source import SourceText, read_source
 from climbplan.schema.terrain.terrain import TerrainSpec
 from climbplan.schema.yaml_source import parse_yaml
@@ -26,6 +27,7 @@ class LoadedTransition(LoadedSpec):
 
     spec: TransitionSpec
     robot: AnyRobot
+    carried_robot: CarriedRobot | None = None  # of a plan, which the robot is from; None: files
 
     def with_overrides(self, overrides: Sequence[str | Override]) -> LoadedTransition:
         """Return the same transition with other values.
@@ -34,7 +36,7 @@ class LoadedTransition(LoadedSpec):
             SpecError: Lists every mistake that the overrides cause.
         """
         text = SourceText(self.source, self.name, self.directory, self.text)
-        return build_transition(apply_overrides(self.document, overrides), text)
+        return build_transition(apply_overrides(self.document, overrides), text, self.carried_robot)
 
 
 def load_transition(
@@ -60,15 +62,38 @@ def load_transition_text(
     return build_transition(document, text)
 
 
-def build_transition(document: Document, text: SourceText) -> LoadedTransition:
+def load_planned_transition(text: str, name: str, carried_robot: CarriedRobot) -> LoadedTransition:
+    """Check the spec of a plan, with the robot that the plan carries.
+
+    Args:
+        text: The spec that the plan carries.
+        name: Of the plan.
+        carried_robot: The robot that it carries.
+
+    Raises:
+        NotKept: The plan does not carry its robot, or a field is missing that meshes tell.
+        SpecError: Lists every mistake.
+    """
+    source = SourceText(name, name, Path.cwd(), text)
+    return build_transition(parse_yaml(text, name), source, carried_robot)
+
+
+def build_transition(
+    document: Document, text: SourceText, carried_robot: CarriedRobot | None = None
+) -> LoadedTransition:
     """Build the loaded transition of a document.
 
     Raises:
         SpecError: Lists every mistake in it.
+        NotKept: What is carried is not the whole robot.
     """
     resolve_option_paths(document, [("terrain", "scan", "file")])
     spec, findings = validate_kind(document, "transition", TransitionSpec)
-    robot, robot_mistakes = load_robot_of_document(document, text.directory)
+    robot: AnyRobot | None
+    if carried_robot is None:
+        robot, robot_mistakes = load_robot_of_document(document, text.directory)
+    else:
+        robot, robot_mistakes = carried_robot.load(document), []
     task = validate_part(document, "task", TransitionTaskSpec)
     terrain = validate_part(document, "terrain", TerrainSpec)
     findings += check_parts(ValidClimbParts(terrain, task, None, None, robot))
@@ -83,7 +108,8 @@ def build_transition(document: Document, text: SourceText) -> LoadedTransition:
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if spec is None or robot is None or mistakes:
         raise SpecError(document.source, mistakes)
-    return LoadedTransition(spec=spec, robot=robot, **describe_origin(document, text))
+    origin = describe_origin(document, text)
+    return LoadedTransition(spec=spec, robot=robot, carried_robot=carried_robot, **origin)
 
 
 def _check_limb_count(task: TransitionTaskSpec, robot: AnyRobot) -> list[Finding]:

@@ -36,7 +36,7 @@ from climbplan.robots.kinematics import standing_inverse, to_body
 from climbplan.robots.model import Robot
 
 _TIME_FRACTION = 0.5  # of the time limit, for the climb's postures
-_METHODS = ("micp", "nlp")  # the first whose postures hold is taken
+METHODS = ("micp", "nlp")  # the first whose postures hold is taken
 _CLIMB_KEYS = ("task.rounds", "task.goal", "task.gait", "posture.")  # of a climb's keys, in `climb`
 
 
@@ -69,7 +69,7 @@ def _plan_climb_motion(climb: ClimbScene, clock: StageClock) -> ClimbMotion:
     deadline = time.monotonic() + climb.spec.solver.time_limit
     first_error: NoPlanFound | None = None
     reasons = []
-    for method in _METHODS:
+    for method in METHODS:
         solver = climb.spec.solver.model_copy(update={"method": method})
         scene = replace(climb, spec=climb.spec.model_copy(update={"solver": solver}))
         try:

@@ -399,7 +399,9 @@ def assemble_plan(run: TransitionRun, result: TransitionResult) -> ClimbPlan:
         notes=result.notes,
         kind="transition",
         sequences=result.sequences,
-        robot_texts=collect_robot_texts(loaded.spec.robot, loaded.directory, loaded.robot),
+        robot_texts=collect_robot_texts(loaded.spec.robot, loaded.directory, loaded.robot)
+        if loaded.carried_robot is None
+        else loaded.carried_robot.texts,
         looks=load_visual_geometry(loaded.robot, scene.robot),
     )
     return replace(plan, summary=format_summary(plan))

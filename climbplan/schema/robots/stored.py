@@ -7,7 +7,7 @@ its name; of any other the plan carries the text.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +53,24 @@ class StoredRobot:
         if not isinstance(self.robot, UrdfRobot):
             return self.robot
         return replace(self.robot, mesh_fields={name: fields[name] for name in self.unknown})
+
+
+@dataclass(frozen=True)
+class CarriedRobot:
+    """A robot as a plan carries it, from which the rest of the plan is planned anew."""
+
+    texts: RobotTexts
+    # Fields of the built robot by name, of which those that only meshes tell are taken
+    fields: Mapping[str, Any] = field(repr=False, compare=False)
+
+    def load(self, document: Document) -> AnyRobot:
+        """Return the robot of the plan's parsed spec.
+
+        Raises:
+            NotKept: The robot is neither built-in nor carried, or a field is missing.
+            SpecError: A text is no robot.
+        """
+        return build_stored_robot(document, self.texts).with_mesh_fields(self.fields)
 
 
 class NotKept(Exception):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
@@ -175,6 +176,20 @@ def test_the_climb_of_a_mission_is_planned_anew(mission: ClimbPlan) -> None:
     assert rest.limits.safety_torque == mission.limits.safety_torque
 
 
-def test_transitions_are_not_planned_anew(mission: ClimbPlan) -> None:
-    with pytest.raises(UsageError, match="is a transition: only climbs are planned anew"):
-        replan_climb(mission, _stand(mission, 1, 1, 0.0))
+def test_a_mission_is_planned_anew_within_its_transition(mission: ClimbPlan) -> None:
+    limb = int(np.flatnonzero(mission.instants.lifted[0])[0])  # on its wall, off its foothold
+    stance = _stand(mission, 1, limb, 0.02)
+    rest = replan_climb(mission, stance)
+    assert rest.kind == "transition"
+    assert verify_plan(rest).passed
+    np.testing.assert_allclose(rest.rounds.com[0], stance.com, atol=1e-12)
+    np.testing.assert_allclose(rest.rounds.toes[0], stance.toes, atol=1e-3)
+    np.testing.assert_array_equal(rest.limits.goal_com, mission.limits.goal_com)
+    # A round more than were left, as the toe has to move again; the climb follows
+    assert rest.rounds.count == mission.rounds.count
+
+
+def test_transitions_are_planned_anew_only_by_robots_that_they_carry(mission: ClimbPlan) -> None:
+    text = mission.spec_text.replace("robot: silvia", "robot: other.yaml")
+    with pytest.raises(UsageError, match="the plan does not carry other"):
+        replan_climb(replace(mission, spec_text=text), _stand(mission, 1, 1, 0.0))

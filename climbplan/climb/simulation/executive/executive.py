@@ -130,8 +130,7 @@ class ClimbExecutive:
         `step`, or with constant commands, until then.
 
         Raises:
-            UsageError: A limb is in the air, the plan is a transition from which no climb has
-                begun, or it does not carry what its spec names.
+            UsageError: A limb is in the air, or the plan does not carry what its spec names.
             Unresolved: No plan was found that passes its verification.
         """
         from climbplan.climb.simulation.executive.replanning import MeasuredStance, replan_climb

@@ -1,14 +1,15 @@
-"""Plan the rest of a climb anew, from the stance that a robot in execution has measured.
+"""Plan the rest of a plan anew, from the stance that a robot in execution has measured.
 
 Where toes have slid off their footholds, or a surface has less friction than planned, the plan in
 execution no longer describes the robot. The planner is asked for another one with the same goal:
-it starts from the measured stance, on the friction and with the load that were measured. A limb
-that has slid moves first. What it finds is verified like every plan.
+it starts from the measured stance, on the friction and with the load that were measured. In a
+climb, a limb that has slid moves first. A mission whose transition has ended goes on as a climb.
+What is found is verified like every plan.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -23,18 +24,18 @@ from climbplan.climb.scene.climb_scene import compute_stated_toes
 from climbplan.climb.schema.loading import LoadedClimb, load_planned_climb
 from climbplan.climb.schema.model import ClimbSpec, StartSpec
 from climbplan.climb.schema.transition import TransitionSpec
-from climbplan.climb.transition.following_climb import build_climb_spec
+from climbplan.climb.schema.transition_loading import LoadedTransition, load_planned_transition
+from climbplan.climb.transition.following_climb import METHODS, build_climb_spec
+from climbplan.climb.transition.planner import plan_transition
 from climbplan.errors import NoPlanFound, SpecError, Unresolved, UsageError
-from climbplan.schema.kinds import validate_kind
 from climbplan.schema.overrides import Override
-from climbplan.schema.robots.stored import NotKept
-from climbplan.schema.yaml_source import parse_yaml
+from climbplan.schema.robots.stored import CarriedRobot, NotKept
 
 _MIN_SLIDE = 0.01  # [m] from which on a toe is off its foothold, so that it moves first
 _MIN_LOAD = 0.05  # of the robot's weight, from which on an unknown load is planned with
 _SAFETY_FRICTION = 1.3  # most that is asked for on friction that slips have shown
 _OPTION = "measured stance"
-_METHOD_OF_FOLLOWING_CLIMBS = "micp"
+_MAX_TRANSITION_ROUNDS = 8
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class MeasuredStance:
 
 
 def replan_climb(plan: ClimbPlan, stance: MeasuredStance) -> ClimbPlan:
-    """Plan the rest of a climb anew, from a measured stance.
+    """Plan the rest of a climb, transition or mission anew, from a measured stance.
 
     Args:
         plan: The plan in execution.
@@ -61,24 +62,17 @@ def replan_climb(plan: ClimbPlan, stance: MeasuredStance) -> ClimbPlan:
         A verified plan, whose spec states what was measured.
 
     Raises:
-        UsageError: The plan is a transition from which no climb has begun, or it does not carry
-            what its spec names.
+        UsageError: The plan does not carry what its spec names.
         Unresolved: None of the orders of limbs and numbers of rounds that were tried has a
             verified plan.
     """
-    reasons: list[str] = []
     try:
-        text = plan.spec_text if plan.kind == "climb" else _state_following_climb(plan, stance)
-        robot_fields = {field.name: getattr(plan.robot, field.name) for field in fields(plan.robot)}
-        planned = load_planned_climb(text, plan.name, plan.robot_texts, robot_fields)
-        measured = planned.with_overrides(_state_stance(plan, planned.spec, stance))
+        attempts = _list_attempts(plan, stance)
     except (NotKept, SpecError) as error:
         raise UsageError(f"{plan.name} cannot be planned anew: {error}") from error
-    for gait, rounds in _list_attempts(plan, stance):
-        overrides = [Override.of("task.gait", gait, _OPTION)]
-        if measured.spec.task.rounds != "auto":
-            overrides.append(Override.of("task.rounds", rounds, _OPTION))
-        replanned, reason = _try_plan(measured.with_overrides(overrides))
+    reasons: list[str] = []
+    for loaded in attempts:
+        replanned, reason = _try_plan(loaded)
         if replanned is not None:
             return replace(replanned, looks=plan.looks)
         reasons.append(reason)
@@ -86,37 +80,56 @@ def replan_climb(plan: ClimbPlan, stance: MeasuredStance) -> ClimbPlan:
     raise Unresolved(f"no plan from the measured stance: {reasons[0]}", because=tried)
 
 
-def _state_following_climb(plan: ClimbPlan, stance: MeasuredStance) -> str:
-    """Return the spec of the climb that follows a transition, as text; its start is to be set.
-
-    Raises UsageError while the transition goes on, and where no climb follows it.
-    """
-    document = parse_yaml(plan.spec_text, plan.name)
-    spec, findings = validate_kind(document, "transition", TransitionSpec)
-    if spec is None:
-        raise SpecError(document.source, document.mistakes(findings))
-    if spec.climb is None or plan.instants.round[stance.next_instant] <= spec.task.rounds:
-        raise UsageError(
-            f"{plan.name} is a transition: only climbs are planned anew, also those that follow "
-            "transitions"
-        )
-    climb = build_climb_spec(spec, StartSpec(com=(0.0, 0.0, 0.0)))
-    stated = climb.model_dump(mode="json", exclude_unset=True, by_alias=True)
-    stated["force"] = spec.force.model_dump(mode="json", by_alias=True)  # whose defaults differ
-    return yaml.safe_dump(stated, sort_keys=False)
-
-
-def _try_plan(loaded: LoadedClimb) -> tuple[ClimbPlan | None, str]:
+def _try_plan(loaded: LoadedClimb | LoadedTransition) -> tuple[ClimbPlan | None, str]:
     """Return a verified plan, or None and why there is none."""
     try:
-        replanned = plan_climb(loaded)
+        if isinstance(loaded, LoadedClimb):
+            replanned = plan_climb(loaded)
+        else:
+            replanned = plan_transition(loaded, seek_remedies=False)
     except (NoPlanFound, SpecError, UsageError) as error:
         return None, str(error).splitlines()[0]
     verification = verify_plan(replanned)
     return (replanned, "") if verification.passed else (None, verification.headline())
 
 
-def _state_stance(plan: ClimbPlan, spec: ClimbSpec, stance: MeasuredStance) -> list[Override]:
+def _list_attempts(
+    plan: ClimbPlan, stance: MeasuredStance
+) -> Sequence[LoadedClimb | LoadedTransition]:
+    """List specs of the rest of a plan, the most promising first.
+
+    Raises NotKept and SpecError where the plan does not carry what its spec names.
+    """
+    fields_of_robot = {entry.name: getattr(plan.robot, entry.name) for entry in fields(plan.robot)}
+    carried = CarriedRobot(plan.robot_texts, fields_of_robot)
+    if plan.kind == "climb":
+        loaded = load_planned_climb(plan.spec_text, plan.name, carried)
+        return _list_climbs(plan, stance, loaded, plan.solvers["method"])
+    transition = load_planned_transition(plan.spec_text, plan.name, carried)
+    rounds = transition.spec.task.rounds - int(plan.instants.round[stance.next_instant]) + 1
+    if rounds < 1:
+        text = _state_following_climb(transition.spec)
+        loaded = load_planned_climb(text, plan.name, carried)
+        return [climb for method in METHODS for climb in _list_climbs(plan, stance, loaded, method)]
+    measured = transition.with_overrides(_state_stance(plan, transition.spec, stance))
+    any_sequence = Override("task.sequence", "null", _OPTION)
+    return [
+        measured.with_overrides([Override.of("task.rounds", number, _OPTION), any_sequence])
+        for number in (rounds, min(rounds + 1, _MAX_TRANSITION_ROUNDS))
+    ]
+
+
+def _state_following_climb(spec: TransitionSpec) -> str:
+    """Return the spec of the climb that follows a transition, as text; its start is to be set."""
+    climb = build_climb_spec(spec, StartSpec(com=(0.0, 0.0, 0.0)))
+    stated = climb.model_dump(mode="json", exclude_unset=True, by_alias=True)
+    stated["force"] = spec.force.model_dump(mode="json", by_alias=True)  # whose defaults differ
+    return yaml.safe_dump(stated, sort_keys=False)
+
+
+def _state_stance(
+    plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, stance: MeasuredStance
+) -> list[Override]:
     """Return what was measured as values of the plan's spec."""
     region = np.array(
         [plan.terrain.nearest_surface(limb, toe) for limb, toe in enumerate(stance.toes)]
@@ -131,13 +144,7 @@ def _state_stance(plan: ClimbPlan, spec: ClimbSpec, stance: MeasuredStance) -> l
         "rpy_deg": Rotation.from_matrix(stance.rotation).as_euler("xyz", degrees=True).tolist(),
         "toes": dict(zip(plan.robot.limb_names, toes.tolist(), strict=True)),
     }
-    # Of `auto` the one that it chose
-    method = plan.solvers["method"] if plan.kind == "climb" else _METHOD_OF_FOLLOWING_CLIMBS
-    overrides = [
-        Override.of("task.start", start, _OPTION),
-        Override.of("solver.method", method, _OPTION),
-        Override("study", "null", _OPTION),
-    ]
+    overrides = [Override.of("task.start", start, _OPTION)]
     load = -float(stance.load[2])  # [N] downwards
     if load > _MIN_LOAD * plan.robot.mass * plan.robot.gravity:
         mass = spec.task.payload.mass + load / plan.robot.gravity
@@ -145,7 +152,9 @@ def _state_stance(plan: ClimbPlan, spec: ClimbSpec, stance: MeasuredStance) -> l
     return overrides + _state_friction(plan, spec, stance.friction)
 
 
-def _state_friction(plan: ClimbPlan, spec: ClimbSpec, factor: Array) -> list[Override]:
+def _state_friction(
+    plan: ClimbPlan, spec: ClimbSpec | TransitionSpec, factor: Array
+) -> list[Override]:
     """Return friction coefficients times factors (R,), where they are below one."""
     if (factor >= 1.0).all():
         return []
@@ -158,7 +167,7 @@ def _state_friction(plan: ClimbPlan, spec: ClimbSpec, factor: Array) -> list[Ove
     return [*overrides, Override.of("force.safety_friction", safety, _OPTION)]
 
 
-def _find_friction_key(spec: ClimbSpec, name: str) -> str:
+def _find_friction_key(spec: ClimbSpec | TransitionSpec, name: str) -> str:
     """Return the key of a surface's friction coefficient in a spec."""
     terrain = spec.terrain
     regions, boxes = ([item.name for item in items] for items in (terrain.regions, terrain.boxes))
@@ -172,8 +181,24 @@ def _find_friction_key(spec: ClimbSpec, name: str) -> str:
     return "terrain.friction"
 
 
-def _list_attempts(plan: ClimbPlan, stance: MeasuredStance) -> Iterator[tuple[list[str], int]]:
-    """Yield orders of limbs and numbers of rounds, the most promising first."""
+def _list_climbs(
+    plan: ClimbPlan, stance: MeasuredStance, loaded: LoadedClimb, method: str
+) -> list[LoadedClimb]:
+    """List climbs by orders of limbs and numbers of rounds, the most promising first.
+
+    Args:
+        plan: The plan in execution.
+        stance: What was measured.
+        loaded: The spec of the climb.
+        method: Of the planner.
+    """
+    measured = loaded.with_overrides(
+        [
+            *_state_stance(plan, loaded.spec, stance),
+            Override.of("solver.method", method, _OPTION),  # of `auto` the one that it chose
+            Override("study", "null", _OPTION),
+        ]
+    )
     instants, names = plan.instants, plan.robot.limb_names
     number = int(instants.round[stance.next_instant])
     order = np.nonzero(instants.lifted[instants.round == number])[1].tolist()
@@ -185,6 +210,11 @@ def _list_attempts(plan: ClimbPlan, stance: MeasuredStance) -> Iterator[tuple[li
     first = slid + [limb for limb in planned if limb not in slid]
     rounds = plan.rounds.count - number + 1
     orders = [first, planned] if first != planned else [planned, planned[1:] + planned[:1]]
+    attempts = []
     for gait in orders:
         for extra in (0, 1):
-            yield [names[limb] for limb in gait], rounds + extra
+            overrides = [Override.of("task.gait", [names[limb] for limb in gait], _OPTION)]
+            if measured.spec.task.rounds != "auto":
+                overrides.append(Override.of("task.rounds", rounds + extra, _OPTION))
+            attempts.append(measured.with_overrides(overrides))
+    return attempts

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from climbplan.arrays import Array
 from climbplan.climb.check.verification import verify_plan
@@ -22,6 +23,7 @@ from climbplan.climb.plan.file import write_climb
 from climbplan.climb.plan.played import START, compute_true_angles, sample_instants
 from climbplan.climb.schema.force import ForcePlannerSpec
 from climbplan.climb.simulation.executive.executive import ClimbExecutive
+from climbplan.climb.simulation.executive.replanning import MeasuredStance, correct_drift
 from climbplan.climb.simulation.executive.schedule import build_schedule
 from climbplan.climb.simulation.executive.settings import (
     ExecutiveEvent,
@@ -41,6 +43,7 @@ from climbplan.climb.simulation.worlds.uncertainty import Uncertainty, build_lay
 from climbplan.errors import Unresolved, UsageError
 from climbplan.mechanics.stiffness import limb_compliance
 from climbplan.robots.kinematics import jacobian_world, standing_inverse, toe_world
+from climbplan.robots.rotations import rotation_world_body
 from climbplan.simulation.conditions import Conditions, FrictionLoss, WeakMotor
 from climbplan.simulation.motors import compute_max_torque
 
@@ -245,6 +248,48 @@ def test_a_climb_goes_on_by_a_plan_from_where_a_toe_has_slid_to(planned: Planned
         robot.step()
         assert following.time < 20.0
         assert not following.stopped
+
+
+def _turn_stance(plan: ClimbPlan, degrees: float) -> tuple[MeasuredStance, MeasuredStance]:
+    """Return the first stance of a plan, and that as odometry that has drifted would measure it."""
+    stance = MeasuredStance(
+        com=plan.instants.com[1],
+        rotation=rotation_world_body(plan.instants.rpy[1]),
+        toes=plan.instants.toes[1],
+        friction=np.ones(len(plan.terrain.surfaces)),
+        load=np.zeros(6),
+        instant=1,
+        next_instant=2,
+    )
+    turn = Rotation.from_rotvec(np.deg2rad([0.0, 0.6, 0.8]) * degrees).as_matrix()
+    com = stance.com + np.array([0.01, 0.0, 0.0])
+    return stance, replace(
+        stance,
+        com=com,
+        rotation=turn @ stance.rotation,
+        toes=com + (stance.toes - stance.com) @ turn.T,
+    )
+
+
+def test_drift_of_the_attitude_is_corrected_by_surfaces(planned: Planned) -> None:
+    plan = planned()
+    true, drifted = _turn_stance(plan, 10.0)
+    corrected = correct_drift(plan, drifted)
+    # Walls face along x: turns about y and z and the place along x follow from them
+    turn = corrected.rotation @ true.rotation.T
+    assert np.rad2deg(Rotation.from_matrix(turn).magnitude()) < 0.5
+    np.testing.assert_allclose(corrected.com[0], true.com[0], atol=1e-3)
+    np.testing.assert_allclose(corrected.toes, true.toes, atol=6e-3)
+    body = (corrected.toes - corrected.com) @ corrected.rotation
+    np.testing.assert_allclose(body, (true.toes - true.com) @ true.rotation, atol=1e-12)
+
+
+def test_surfaces_that_lie_elsewhere_are_no_drift(planned: Planned) -> None:
+    plan = planned()
+    stance, _ = _turn_stance(plan, 0.0)
+    toes = stance.toes - 0.02 * plan.instants.normal[1]
+    farther = replace(stance, toes=toes)
+    assert correct_drift(plan, farther) is farther
 
 
 def test_a_stance_with_less_friction_is_planned_with_it(planned: Planned) -> None:

@@ -133,16 +133,16 @@ class ClimbExecutive:
             UsageError: A limb is in the air, or the plan does not carry what its spec names.
             Unresolved: No plan was found that passes its verification.
         """
-        from climbplan.climb.simulation.executive.replanning import MeasuredStance, replan_climb
+        from climbplan.climb.simulation.executive import replanning
 
         if not self._touched.all():
-            name = self._plan.robot.limb_names[int(np.argmin(self._touched))]
+            name = self.robot.limb_names[int(np.argmin(self._touched))]
             raise UsageError(f"{name} is in the air: a plan begins on all toes")
-        schedule, contacts = self._schedule, self.contacts
+        plan, schedule, contacts = self._plan, self._schedule, self.contacts
         lifts = [g for g in schedule.gates[self._next_gate :] if g.kind == "lift"]
         if not lifts:
             raise UsageError("no limb is left to move: the plan is at its end")
-        stance = MeasuredStance(
+        measured = replanning.MeasuredStance(
             com=contacts.pose.com.copy(),
             rotation=contacts.pose.rotation.copy(),
             toes=contacts.pose.places.copy(),
@@ -151,9 +151,10 @@ class ClimbExecutive:
             instant=int(schedule.instant[self.sample]),
             next_instant=int(schedule.instant[lifts[0].sample]),
         )
-        following = ClimbExecutive(replan_climb(self._plan, stance), stance.toes, self._settings)
-        following.take_over(self.motor_command, contacts.force)
-        return following
+        stance = replanning.correct_drift(plan, measured)
+        tail = ClimbExecutive(replanning.replan_climb(plan, stance), stance.toes, self._settings)
+        tail.take_over(self.motor_command, contacts.force)
+        return tail
 
     def take_over(self, motor_command: Array, force: Array) -> None:
         """Begin with other commands than the plan's, which hold the robot, and fade them out.

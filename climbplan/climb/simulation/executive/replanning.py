@@ -36,6 +36,10 @@ _MIN_LOAD = 0.05  # of the robot's weight, from which on an unknown load is plan
 _SAFETY_FRICTION = 1.3  # most that is asked for on friction that slips have shown
 _OPTION = "measured stance"
 _MAX_TRANSITION_ROUNDS = 8
+_MAX_OFFSET = 0.03  # [m] of a toe from its surface, which is not drift
+_SURFACE_DEVIATION, _DRIFT_DEVIATION = 5e-3, 0.03  # [m] of toes from surfaces; of the body
+_TURN_DEVIATION = 0.2  # [rad] of the body
+_DRIFT_ITERATIONS = 5
 
 
 @dataclass(frozen=True)
@@ -49,6 +53,42 @@ class MeasuredStance:
     load: Array  # (6,) beside the planned one, about the body's origin [N, N m]
     instant: int  # of the plan in execution
     next_instant: int  # at which the limb is lifted that is to move next
+
+
+def correct_drift(plan: ClimbPlan, stance: MeasuredStance) -> MeasuredStance:
+    """Turn and shift a stance so that its toes lie near the surfaces that they stand on.
+
+    Where most toes have slid, leg odometry has lost the body's pose. With toes p_i on planned
+    surfaces of normal n_i through points q_i, the stance moves as a rigid body by the Gauss-Newton
+    steps (shift x, turn t about the body's origin c) of
+
+        min  sum_i (n_i . (p_i + x + t x (p_i - c) - q_i))^2 / s^2 + |x|^2 / a^2 + |t|^2 / b^2
+
+    Stances whose toes are all within `_MAX_OFFSET` of their surfaces stay as they are, as surfaces
+    may lie elsewhere than planned; so do those on curved terrain.
+
+    Args:
+        plan: The plan in execution.
+        stance: What was measured.
+    """
+    standing = plan.instants.contact[stance.instant]
+    points = plan.instants.toes[stance.instant, standing]
+    normal = plan.instants.normal[stance.instant, standing]
+    corrected = stance
+    for _ in range(_DRIFT_ITERATIONS):
+        offset = ((corrected.toes[standing] - points) * normal).sum(axis=1)
+        if corrected is stance and (np.abs(offset).max() < _MAX_OFFSET or plan.terrain.is_curved):
+            return stance
+        arm = corrected.toes - corrected.com
+        rows = np.hstack([normal, np.cross(arm[standing], normal)]) / _SURFACE_DEVIATION
+        prior = np.diag(1.0 / np.repeat([_DRIFT_DEVIATION, _TURN_DEVIATION], 3) ** 2)
+        step = np.linalg.solve(rows.T @ rows + prior, -rows.T @ offset / _SURFACE_DEVIATION)
+        turn = Rotation.from_rotvec(step[3:]).as_matrix()
+        com = corrected.com + step[:3]
+        corrected = replace(
+            corrected, com=com, rotation=turn @ corrected.rotation, toes=com + arm @ turn.T
+        )
+    return corrected
 
 
 def replan_climb(plan: ClimbPlan, stance: MeasuredStance) -> ClimbPlan:

@@ -244,6 +244,13 @@ def _solve_with_proof(
     kind = ConicSearch if "cones" in bounded.features or has_open_sides else WarmStartedTree
     search = _select_search(bounded, chosen, cache, kind)
     result = search.solve(bounded, _compute_time_left(chosen, begin))
+    is_open = result.status not in ("optimal", "infeasible")
+    if kind is WarmStartedTree and is_open and _compute_time_left(chosen, begin) > 0.0:
+        # Nodes may stay open by rounding errors; trees of cones close them
+        conic = _select_search(bounded, chosen, cache, ConicSearch)
+        retry = conic.solve(bounded, _compute_time_left(chosen, begin))
+        if retry.objective is not None or result.objective is None:
+            search, result = conic, retry
     certificate = search.certificate
     is_proof = certificate is not None and (certificate.bound > -np.inf or not has_open_sides)
     return _Solved(bounded, result, certificate if is_proof else None)

@@ -338,17 +338,32 @@ def test_an_infeasible_program_whose_relaxation_is_unbounded() -> None:
     assert problem.status in ("infeasible", "infeasible_or_unbounded")
 
 
-def test_the_only_point_is_found_with_a_proof(tmp_path: Path) -> None:
-    """The level set leaves ranges of the size of tolerances."""
+def _state_vertex_of_a_ball() -> cp.Problem:
     x, y = cp.Variable(1), cp.Variable(2, integer=True)
-    v = cp.hstack([x, y])
-    problem = cp.Problem(
-        cp.Minimize(-3 * x[0] - 3 * y[0] + 2 * y[1]),
-        [3 * x[0] - 2 * y[1] == 6, cp.norm1(v) <= 2],
-    )
+    rows = [3 * x[0] - 2 * y[1] == 6, cp.norm1(cp.hstack([x, y])) <= 2]
+    return cp.Problem(cp.Minimize(-3 * x[0] - 3 * y[0] + 2 * y[1]), rows)
+
+
+def _state_corner_of_rows() -> cp.Problem:
+    """A tree of active sets neither finds the corner nor excludes it."""
+    x, y, z = cp.Variable(2), cp.Variable(2, integer=True), cp.Variable(boolean=True)
+    v = cp.hstack([x, y, z])
+    rows = np.array([[-3, -2, -2, -2, 3], [3, 1, -3, -2, -2], [-1, -1, 1, 2, 0], [3, 1, -2, 0, 3]])
+    limits = [rows @ v <= np.array([-3, -3, 3, 3]), cp.norm1(v) <= 4, v >= -3]
+    return cp.Problem(cp.Minimize(np.array([1, 1, -3, 3, 2]) @ v), limits)
+
+
+@pytest.mark.parametrize(
+    ("problem", "optimum"), [(_state_vertex_of_a_ball(), -6.0), (_state_corner_of_rows(), -12.0)]
+)
+def test_the_only_point_is_found_with_a_proof(
+    problem: cp.Problem, optimum: float, tmp_path: Path
+) -> None:
+    """The level set leaves ranges of the size of tolerances."""
     problem.solve(solver=climbplan.CVXPY(certificate=tmp_path / "proof.h5"))
     assert problem.status == "optimal"
-    assert problem.value == pytest.approx(-6.0, abs=1e-5)
+    assert problem.value == pytest.approx(optimum, abs=1e-5)
+    assert verify_certificates(read_certificates(tmp_path / "proof.h5")).passed
 
 
 def _state_slack_integer() -> cp.Problem:

@@ -9,6 +9,7 @@ import h5py
 import numpy as np
 import pytest
 
+from climbplan.api.recounting import recount_worlds
 from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb, write_climb
@@ -16,7 +17,7 @@ from climbplan.climb.plan.promise import Promise, compute_interval
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import LoadedClimb, load_text
 from climbplan.climb.schema.margins import MarginsSpec
-from climbplan.climb.simulation.risk import planning
+from climbplan.climb.simulation.risk import estimation, planning
 from climbplan.climb.simulation.risk.estimation import RiskEstimate, ScenarioOutcome, estimate_risk
 from climbplan.climb.simulation.risk.margin_increase import (
     increase_margins,
@@ -212,17 +213,27 @@ def test_closed_loop_is_refused_where_it_counts_nothing(overrides: list[str], me
 
 @pytest.mark.merge
 def test_falls_in_closed_loop_are_those_of_the_worlds_again(
-    monkeypatch: pytest.MonkeyPatch,
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     pytest.importorskip("mujoco")
     monkeypatch.setattr(planning, "NUM_CLOSED_LOOP_WORLDS", 2)
     monkeypatch.setattr(planning, "MAX_CLOSED_LOOP_WORLDS", 2)
-    promise = made(["closed_loop=true", *SURE])[0].promise
+    plan, _ = made(["closed_loop=true", *SURE])
+    promise = plan.promise
     assert promise is not None
     assert (promise.engine, promise.closed_loop, promise.worlds) == ("mujoco", True, 2)
-    plan = plan_climb(load_text(SPEC, "short", ["closed_loop=true", *SURE]))
     again = estimate_risk(plan, Conditions(closed_loop=True), "mujoco", 2, promise.seed)
     assert (again.falls, again.stops) == (promise.falls, promise.stops)
+    # `verify --worlds` plays them in closed loop, too
+    played: list[Conditions] = []
+    monkeypatch.setattr(
+        estimation, "estimate_risk", lambda plan, base, *_: played.append(base) or again
+    )
+    write_climb(plan, tmp_path / "plan.h5")
+    recounted = recount_worlds(tmp_path / "plan.h5", verify_plan(plan))
+    assert played == [Conditions(closed_loop=True)]
+    assert recounted.checks[-1].name == "robust.recount"
+    assert recounted.checks[-1].passed
 
 
 def test_more_is_asked_for_by_what_tells_falls_apart() -> None:

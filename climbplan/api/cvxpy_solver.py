@@ -105,6 +105,8 @@ class CVXPY(ConicForm):
     (of the minimisation, so of the negated objective of a maximisation), `nodes`, `status` and
     `certificate`, which is None, with a warning, where no proof can be written. A problem with
     parameters (DPP) that is solved again starts from the last tree; each answer has its own proof.
+    The bound of a problem without integers is the dual value of Clarabel, as exact as its
+    tolerances.
     Variables without bounds get those of an incumbent's level set.
 
     Args:

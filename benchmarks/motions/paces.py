@@ -22,12 +22,12 @@ from climbplan.simulation.conditions import NOMINAL
 
 _SPECS = Path(__file__).parents[2] / "specs"
 ALL = "all"
-# All shipped climbs and transitions on toes or flat feet that are planned in less than a minute
+# Shipped climbs, transitions and missions on toes or flat feet that are planned within a minute
 SCENES = (
     "climb_biped", "climb_biped_stairs", "climb_ground_to_wall", "climb_nonparallel",
     "climb_obstacle", "climb_patches", "climb_region", "climb_rough_chimney", "climb_stairs",
     "climb_steps", "climb_telescope", "climb_tube", "climb_tube_mesh", "climb_walker",
-    "transition_bricks", "transition_flat",
+    "mission_ground_to_top", "transition_bricks", "transition_bricks_4", "transition_flat",
 )  # fmt: skip
 _QUICK_SCENES = ("transition_flat",)
 
@@ -91,10 +91,10 @@ def _plan_scene(name: str, pace: str | None) -> TimedPlan:
     """Return a scene planned at a pace, simulated in its nominal world."""
     changes = [] if pace is None else [f"trajectory.pace={pace}"]
     begin = time.process_time()
-    if name.startswith("transition"):
-        plan = plan_transition(load_transition(_SPECS / f"{name}.yaml", changes))
+    if name.startswith("climb"):
+        plan = plan_climb(load_climb(_SPECS / f"{name}.yaml", [*changes, "study=null"]))
     else:
-        plan = plan_climb(load_climb(_SPECS / f"{name}.yaml", changes))
+        plan = plan_transition(load_transition(_SPECS / f"{name}.yaml", changes))
     checks = verify_plan(plan)
     cpu = time.process_time() - begin
     imbalance = {check.name: check.residual for check in checks.checks}.get("trajectory.dynamics")

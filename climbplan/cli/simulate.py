@@ -63,6 +63,10 @@ def simulate(context: typer.Context, options: SimulateOptions) -> None:
         )
     if options.rare and (not options.worlds or options.engine is not SimulationEngine.statics):
         raise UsageError("--rare: expected --worlds N and --engine statics beside it")
+    if options.engine is SimulationEngine.statics and not options.worlds:
+        raise UsageError(
+            "--engine statics: expected --worlds N beside it: MuJoCo makes single runs"
+        )
     _replay(session, path, options, sweep)
 
 

@@ -52,6 +52,12 @@ def test_closed_loop_has_a_pace_and_feedback_of_its_own(
     assert "--closed-loop: expected --engine mujoco, and no --regulate or --speed" in done.err
 
 
+def test_quasi_static_steps_are_of_worlds(run_command: RunCommand, plan: Path) -> None:
+    done = run_command("simulate", plan.name, "--engine", "statics")
+    assert done.code == 2
+    assert "--engine statics: expected --worlds N beside it" in done.err
+
+
 def test_replans_are_of_closed_loop(run_command: RunCommand, plan: Path) -> None:
     done = run_command("simulate", plan.name, "--replans", "1")
     assert done.code == 2

@@ -20,7 +20,7 @@ from climbplan.climb.plan.climb_plan import ClimbPlan, Trajectory
 from climbplan.climb.plan.file import read_climb, write_climb
 from climbplan.climb.planner.planner import plan_climb
 from climbplan.climb.schema.loading import load_climb, load_text
-from climbplan.errors import SpecError, Unresolved
+from climbplan.errors import SpecError, Unresolved, UsageError
 from climbplan.mechanics.inertia import CarriedMass, compute_inertial_load
 from climbplan.motions.completion import read_robot
 from climbplan.motions.measure import measure_motion
@@ -112,6 +112,14 @@ def test_its_exported_motion_is_in_balance(paced: ClimbPlan) -> None:
     without = measure_motion(build_tracked_motion(static, 200.0), {}, robot)
     stored = {c.name: c.residual for c in without}["dynamics.stored_torque"]
     assert checks["dynamics.stored_torque"].residual < stored
+
+
+def test_quasi_static_steps_refuse_it(paced: ClimbPlan) -> None:
+    from climbplan.climb.simulation.implicit_dynamics.engine import prepare_steps
+    from climbplan.simulation.conditions import NOMINAL
+
+    with pytest.raises(UsageError, match=r"inertia \(trajectory.pace\), which the statics engine"):
+        prepare_steps(paced, NOMINAL)
 
 
 @pytest.mark.merge

@@ -90,9 +90,12 @@ def prepare_steps(plan: ClimbPlan, conditions: Conditions) -> PreparedMotion:
 
     Raises:
         UsageError: The robot has grippers, flat feet, five-bar legs, limbs of fewer than three
-            joints or with different numbers of joints, or joints that mimic others.
+            joints or with different numbers of joints, or joints that mimic others. Or the plan is
+            timed by its dynamics.
     """
     robot, trajectory = plan.robot, plan.trajectory
+    if trajectory.is_paced:
+        raise UsageError(f"{plan.name} is timed by its inertia (trajectory.pace), which {_UNKNOWN}")
     zero, unit = _build_zero_pose(plan), robot.joint_unit
     max_span = DELAYED_SPAN if conditions.delay > 0 else MAX_SPAN
     sample = _select_samples(plan, conditions.speed, max_span)

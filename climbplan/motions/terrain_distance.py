@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from climbplan.arrays import Array, IntArray
 from climbplan.motions.tracked_motion import TerrainMesh
 
 FAR = 0.5  # [m] distance up to which triangles are looked at; farther points have this distance
-_CHUNK = 256  # points at a time, which in the order of motion are near few triangles
+_CHUNK = 256  # points at a time
 _MAX_PAIRS = 400_000  # of point and triangle at a time
+_SLACK = 1e-9  # [m] for rounding
 _MIN_AREA = 1e-14  # [m^2] of a triangle that has a normal
 
 
@@ -24,17 +26,26 @@ def measure_distances(points: Array, mesh: TerrainMesh) -> Array:
     area = np.linalg.norm(normal, axis=1)
     corners = corners[area > _MIN_AREA]
     normal = normal[area > _MIN_AREA] / area[area > _MIN_AREA, None]
-    low, high = corners.min(axis=1), corners.max(axis=1)
     out = np.full(len(points), FAR)
+    if not len(corners):
+        return out
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    # No point is farther from the mesh than from a corner or centroid
+    centroids = corners.mean(axis=1)
+    tree = cKDTree(np.concatenate([corners.reshape(-1, 3), centroids]))
+    max_distance, nearest = tree.query(points)
+    reach = np.minimum(max_distance + _SLACK, FAR)
+    # Neighbours together: they are near the same few triangles
+    order = np.lexsort((max_distance, nearest))
     for start in range(0, len(points), _CHUNK):
-        chunk = points[start : start + _CHUNK]
-        overlaps = (low <= chunk.max(axis=0) + FAR) & (high >= chunk.min(axis=0) - FAR)
+        chosen = order[start : start + _CHUNK]
+        chunk, margin = points[chosen], reach[chosen].max()
+        overlaps = (low <= chunk.max(axis=0) + margin) & (high >= chunk.min(axis=0) - margin)
         candidates = np.flatnonzero(overlaps.all(axis=1))
         rows = max(_MAX_PAIRS // max(len(candidates), 1), 1)
         for first in range(0, len(chunk), rows):
-            batch = chunk[first : first + rows]
-            place = slice(start + first, start + first + len(batch))
-            out[place] = _measure_chunk(batch, corners, normal, candidates)
+            batch = chosen[first : first + rows]
+            out[batch] = _measure_chunk(points[batch], corners, normal, candidates)
     return out
 
 

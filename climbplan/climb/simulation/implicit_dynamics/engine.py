@@ -89,13 +89,10 @@ def prepare_steps(plan: ClimbPlan, conditions: Conditions) -> PreparedMotion:
         conditions: Regulator, delay, speed and motors; the world in it does not count.
 
     Raises:
-        UsageError: The robot has grippers, flat feet, five-bar legs, limbs of fewer than three
-            joints or with different numbers of joints, or joints that mimic others. Or the plan is
-            timed by its dynamics.
+        UsageError: The plan is timed by its dynamics, or the robot has grippers, flat feet, five-
+            bar legs, joints that mimic others, or not three or more joints in each limb alike.
     """
     robot, trajectory = plan.robot, plan.trajectory
-    if trajectory.is_paced:
-        raise UsageError(f"{plan.name} is timed by its inertia (trajectory.pace), which {_UNKNOWN}")
     zero, unit = _build_zero_pose(plan), robot.joint_unit
     max_span = DELAYED_SPAN if conditions.delay > 0 else MAX_SPAN
     sample = _select_samples(plan, conditions.speed, max_span)
@@ -268,7 +265,10 @@ def _build_zero_pose(plan: ClimbPlan) -> Array:
     """Build limbs (N, 2J + 1, 3) at zero angles: axes and places of joints, and the toe.
 
     Directions of prismatic joints follow, (N, 3J + 1, 3) in all; their lengths count in `RADIAN`.
+    Raises UsageError for plans and robots that the engine does not know.
     """
+    if plan.trajectory.is_paced:
+        raise UsageError(f"{plan.name} is timed by its inertia (trajectory.pace), which {_UNKNOWN}")
     robot = plan.robot
     if robot.gripper is not None:
         raise UsageError(f"{plan.name}: {robot.name} has grippers, which {_UNKNOWN}")

@@ -94,7 +94,8 @@ def create_compiler(
             dispatcher = numba.njit(**options)(function)
         finally:
             config.CACHE_DIR = users
-        if not is_inner:  # whose code is part of that of their callers
+        # Code of inner functions is part of that of their callers; NUMBA_DISABLE_JIT has none
+        if not is_inner and not config.DISABLE_JIT:
             attach_carried_code(dispatcher, name)
         return cast("Function", dispatcher)
 

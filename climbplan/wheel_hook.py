@@ -23,7 +23,7 @@ RUNS = {  # commands on examples that use each group of compiled functions, by o
     "own_quadratic": "solve tipped_box.yaml --problem tipped_box.py:problem",
     "climb": "plan-climb climb_tube.yaml",
     "climb_in_scan": "plan-climb climb_rough_chimney.yaml",
-    "statics": "simulate {outputs}/climb --engine statics",
+    "statics": "simulate {outputs}/climb --worlds 1 --engine statics",
     "climb_of_urdf": "plan-climb climb_walker.yaml",
     "walk": "plan-mpc mpc_forward.yaml",
     "walk_after_push": "plan-mpc mpc_recovery.yaml",
@@ -57,16 +57,19 @@ class PrecompilingHook(BuildHookInterface[Any]):
 
     def finalize(self, version: str, build_data: dict[str, Any], artifact_path: str) -> None:
         """Remove what is in the wheel now."""
-        self._directory.cleanup()
+        if version != "editable":
+            self._directory.cleanup()
 
     def _run(self, arguments: list[str]) -> None:
         """Run a command, whose compiled functions are stored."""
+        # An isolated build finds its packages by the variable
+        search_path = [self.root, *filter(None, [os.environ.get("PYTHONPATH")])]
         completed = subprocess.run(
             [sys.executable, "-m", "climbplan", *arguments],
             cwd=Path(self.root) / "specs",
             env={
                 **os.environ,
-                "PYTHONPATH": self.root,
+                "PYTHONPATH": os.pathsep.join(search_path),
                 "CLIMBPLAN_PRECOMPILE_DIR": str(Path(self._directory.name) / "machine_code"),
             },
             stderr=subprocess.PIPE,

@@ -299,6 +299,13 @@ def test_code_of_a_wheel_is_taken_before_any_other(room: Path, tmp_path: Path) -
     assert run_carrying(room, tmp_path / "other_home") == "0\n"
 
 
+def test_functions_run_in_python_where_numba_is_disabled(room: Path, tmp_path: Path) -> None:
+    file = room / "compiled_one.py"
+    file.write_text(ROOM.partition('if "other"')[0] + "print(one(1.0, 0))")
+    environment = {precompiled.DESTINATION: str(tmp_path / "wheel"), "NUMBA_DISABLE_JIT": "1"}
+    assert run(room, file.name, **environment).stdout == "2.0\n"
+
+
 class Speaker:
     """What the hook reports to Hatchling."""
 
@@ -336,9 +343,10 @@ def test_hook_names_an_example_that_fails(monkeypatch: pytest.MonkeyPatch, tmp_p
 
 
 def test_hook_leaves_editable_installations_alone(tmp_path: Path) -> None:
-    build: dict[str, object] = {}
-    create_hook(tmp_path).initialize("editable", build)
+    hook, build = create_hook(tmp_path), dict[str, object]()
+    hook.initialize("editable", build)
     assert build == {}
+    hook.finalize("editable", build, "")
 
 
 def test_examples_of_the_hook_are_shipped() -> None:

@@ -17,7 +17,7 @@ from climbplan.methods.candidate_solving import candidate_at
 from climbplan.program import Program
 from climbplan.program.instance import Instance
 from climbplan.reformulations.disjunctions import BigM
-from climbplan.solvers.mixed_integer import method
+from climbplan.solvers.mixed_integer import method, tree_run
 from climbplan.solvers.mixed_integer.active_set import EMPTY, SOLVED, solve_least_distance
 from climbplan.solvers.mixed_integer.indicator_form import build_indicator_form
 from climbplan.solvers.mixed_integer.leaf_cover import build_horizon_shift
@@ -485,6 +485,28 @@ def test_searches_that_lose_accuracy_are_certified(
         assert tree.certificate is not None
         assert optimum * (1 - 2e-4) <= tree.certificate.bound <= optimum
         assert check(instance, tree.certificate).bound == tree.certificate.bound
+
+
+def test_a_search_goes_on_where_its_repetition_proves_less(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    create, repetitions = TreeRun.create, []
+
+    def create_idle(*arguments: Any) -> Any:
+        run = create(*arguments)
+        if len(arguments) == 3:  # a repetition, which begins with no leaves
+            repetitions.append(run)
+            run.run_until = lambda *limits: None
+        return run
+
+    demand, optimum = _DEMANDS[0]
+    monkeypatch.setattr(method, "_MAX_GIVEN_UP", 1)
+    monkeypatch.setattr(tree_run, "_WORK_PER_PIECE", 1.0)
+    monkeypatch.setattr(TreeRun, "create", create_idle)
+    solution = solve_mixed_integer(_state_unit_commitment(demand).instantiate({}))
+    assert len(repetitions) == 1
+    assert solution.status == "optimal"
+    assert solution.objective == pytest.approx(optimum, rel=1e-4)
 
 
 def test_costs_with_curvature_keep_their_proximal_term() -> None:

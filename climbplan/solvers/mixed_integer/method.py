@@ -173,7 +173,12 @@ class WarmStartedTree(WarmStartedSolver):
             repetition.propose(run.search.best_integers[None])
         repetition.run_until(deadline, nodes)
         is_better = repetition.is_finished or repetition.bound >= run.bound
-        return repetition if is_better else run
+        loses_point = np.isfinite(cost) and repetition.recover_incumbent() is None
+        if is_better and not loses_point:
+            return repetition
+        run.max_given_up = UNLIMITED
+        run.run_until(deadline, nodes)
+        return run
 
 
 def _resolve_given_up_leaves(

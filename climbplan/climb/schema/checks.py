@@ -245,15 +245,17 @@ def _check_grippers(climb_parts: ValidClimbParts) -> list[Finding]:
     return findings
 
 
-def check_closed_loop(spec: ClimbSpec | TransitionSpec, robot: AnyRobot) -> list[Finding]:
-    """Check that falls can be counted in closed loop where that is requested."""
+def check_risk(spec: ClimbSpec | TransitionSpec, robot: AnyRobot) -> list[Finding]:
+    """Check that falls can be counted, in closed loop where that is requested."""
+    if spec.risk is not None and spec.trajectory.pace is not None:
+        message = "expected no `trajectory.pace`: falls are counted by steps that know no inertia"
+        if spec.closed_loop:
+            message = "expected no `trajectory.pace`: closed-loop execution measures forces at rest"
+        return [Finding(("risk",), message)]
     if not spec.closed_loop:
         return []
     if spec.risk is None:
         return [Finding(("closed_loop",), "expected `risk` as well, whose falls are counted so")]
-    if spec.trajectory.pace is not None:
-        message = "expected no `trajectory.pace`: closed-loop execution measures forces at rest"
-        return [Finding(("closed_loop",), message)]
     has_five_bars = isinstance(robot, RobotSpec) and robot.five_bar is not None
     has_soles = not isinstance(robot, RobotSpec) and robot.spec.flat_feet
     if robot.gripper is not None or has_five_bars or has_soles:

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from climbplan.climb.schema.checks import (
     ValidClimbParts,
-    check_closed_loop,
     check_parts,
+    check_risk,
     check_study,
 )
 from climbplan.climb.schema.model import ClimbSpec, PosturePlannerSpec, SolverSpec, TaskSpec
@@ -125,7 +125,7 @@ def _validate_climb(
     if spec is not None:
         findings += check_study(spec)
     if spec is not None and robot is not None:
-        findings += check_closed_loop(spec, robot)
+        findings += check_risk(spec, robot)
     mistakes = [*document.mistakes(findings), *robot_mistakes]
     if spec is None or robot is None or mistakes:
         raise SpecError(document.source, mistakes)

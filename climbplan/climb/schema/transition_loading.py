@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from climbplan.climb.schema.checks import ValidClimbParts, check_closed_loop, check_parts
+from climbplan.climb.schema.checks import ValidClimbParts, check_parts, check_risk
 from climbplan.climb.schema.transition import TransitionSpec, TransitionTaskSpec
 from climbplan.errors import SpecError
 from climbplan.schema.document import Document, Finding
@@ -102,7 +102,7 @@ def build_transition(
     if spec is not None and spec.climb is not None and robot is not None:
         findings += _check_climb_gait(spec.climb.gait, robot)
     if spec is not None and robot is not None:
-        findings += check_closed_loop(spec, robot)
+        findings += check_risk(spec, robot)
     if terrain is not None and terrain.tube is not None:
         findings.append(Finding(("terrain", "tube"), "expected flat surfaces in a transition"))
     mistakes = [*document.mistakes(findings), *robot_mistakes]

@@ -201,12 +201,13 @@ def test_falls_are_counted_in_closed_loop_on_request(
         (["closed_loop=true"], "closed_loop: expected `risk` as well"),
         (
             ["closed_loop=true", "risk=0.1", "trajectory.pace=1"],
-            "closed_loop: expected no `trajectory.pace`",
+            "risk: expected no `trajectory.pace`: closed-loop execution",
         ),
+        (["risk=0.1", "trajectory.pace=1"], "risk: expected no `trajectory.pace`: falls are"),
         (["closed_loop=true", "risk=0.1", "robot=scaler"], "closed_loop: .* has five-bar legs"),
     ],
 )
-def test_closed_loop_is_refused_where_it_counts_nothing(overrides: list[str], message: str) -> None:
+def test_risk_is_refused_where_falls_cannot_be_counted(overrides: list[str], message: str) -> None:
     with pytest.raises(SpecError, match=message):
         load_text(SPEC, "short", overrides)
 

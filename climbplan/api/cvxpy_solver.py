@@ -218,9 +218,7 @@ def _solve_integers(instance: Instance, chosen: SolverSettings, cache: dict[str,
     retry = search.solve(instance, _compute_time_left(chosen, begin))
     if search.is_relaxation_unbounded:
         return _examine_unbounded(instance, retry, _compute_time_left(chosen, begin))
-    if retry.objective is not None or result.objective is None:
-        result = retry
-    return _Solved(instance, result)
+    return _Solved(instance, retry if _is_better(retry, result) else result)
 
 
 def _solve_with_proof(
@@ -251,11 +249,18 @@ def _solve_with_proof(
         # Nodes may stay open by rounding errors; trees of cones close them
         conic = _select_search(bounded, chosen, cache, ConicSearch)
         retry = conic.solve(bounded, _compute_time_left(chosen, begin))
-        if retry.objective is not None or result.objective is None:
+        if _is_better(retry, result):
             search, result = conic, retry
     certificate = search.certificate
     is_proof = certificate is not None and (certificate.bound > -np.inf or not has_open_sides)
     return _Solved(bounded, result, certificate if is_proof else None)
+
+
+def _is_better(retry: SolverResult, result: SolverResult) -> bool:
+    """Return whether a second search has an optimum, or a point that is no worse than the first."""
+    if retry.objective is None or result.objective is None:
+        return result.objective is None
+    return retry.status == "optimal" or retry.objective <= result.objective
 
 
 def _run_tree(

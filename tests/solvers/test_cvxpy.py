@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import climbplan
 from benchmarks.engine.conic import generate_problem
 from climbplan.errors import UsageError
 from climbplan.solvers.mixed_integer import outer_approximation
+from climbplan.solvers.mixed_integer.method import WarmStartedTree
+from climbplan.solvers.mixed_integer.outer_approximation import ConicSearch
 from climbplan.store.certificate_file import read_certificates
 from climbplan.verification.certificates import verify_certificates
 
@@ -444,3 +447,35 @@ def test_lines_of_progress_of_a_search_and_its_proof(
     monkeypatch.setenv("CLIMBPLAN_PROGRESS_SECONDS", "soon")
     with pytest.raises(UsageError, match="positive number of seconds"):
         problem.solve(solver=climbplan.CVXPY())
+
+
+@pytest.mark.filterwarnings("ignore:Solution may be inaccurate", "ignore:CLIMBPLAN")
+@pytest.mark.parametrize("is_certified", [False, True])
+def test_a_second_search_replaces_no_better_point(
+    is_certified: bool, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    x = cp.Variable(2, integer=True)
+    problem = cp.Problem(cp.Minimize(cp.sum_squares(x - 0.3)), [x >= -2, x <= 2])
+    problem.solve(solver=cp.SCIP)
+    optimum = problem.value
+    searches = []
+    for kind, excess in ((WarmStartedTree, 0.0), (ConicSearch, 1.0)):
+
+        def solve(
+            self: Any,
+            *arguments: Any,
+            kind: Any = kind,
+            solve: Any = kind.solve,
+            excess: float = excess,
+        ) -> Any:
+            searches.append(kind)
+            result = solve(self, *arguments)
+            point, cost = result.x + excess, result.objective + excess
+            return replace(result, status="feasible", x=point, objective=cost)
+
+        monkeypatch.setattr(kind, "solve", solve)
+    settings = {"certificate": tmp_path / "proof.h5"} if is_certified else {}
+    problem.solve(solver=climbplan.CVXPY(**settings))
+    assert searches[-1] is ConicSearch
+    assert problem.solver_stats.extra_stats["status"] == "feasible"
+    assert problem.value == pytest.approx(optimum, abs=1e-6)

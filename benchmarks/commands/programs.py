@@ -97,10 +97,10 @@ def startup(
     run: Run,
     python: Annotated[
         str | None,
-        name_option("--python", "FILE", "Interpreter whose climbplan is measured [this one]."),
+        name_option("--python", "FILES", "Interpreters to measure, by commas [this one]."),
     ] = None,
 ) -> Mapping[str, Any]:
     """Commands on a machine that has compiled nothing yet, and their second run."""
     from benchmarks.engine.startup import run_startup
 
-    return {"startup": run_startup(run.quick, run.stream, python or sys.executable)}
+    return {"startup": run_startup(run.quick, run.stream, (python or sys.executable).split(","))}

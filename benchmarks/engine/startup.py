@@ -30,20 +30,26 @@ COMMANDS = {
 _QUICK = ("books",)
 
 
-def run_startup(quick: bool, stream: TextIO, python: str) -> list[dict[str, Any]]:
-    """Print a line a command; return the CPU seconds of both runs of each.
+def run_startup(quick: bool, stream: TextIO, interpreters: list[str]) -> list[dict[str, Any]]:
+    """Print a table an interpreter, a line a command; return the CPU seconds of both runs of each.
 
     Args:
         quick: Whether one command stands for all.
-        stream: Stream of the table.
-        python: Interpreter of the environment in which climbplan is installed.
+        stream: Stream of the tables.
+        interpreters: Those of the environments in which climbplan is installed.
 
     Raises:
-        UsageError: That interpreter does not run climbplan.
+        UsageError: An interpreter does not run climbplan.
     """
     with tempfile.TemporaryDirectory() as directory:
-        _run_command(python, "doctor", Path(directory))
-    print("first run on a machine and second run, CPU time", file=stream)
+        for python in interpreters:
+            _run_command(python, "doctor", Path(directory))
+    return [row for python in interpreters for row in _measure_commands(quick, stream, python)]
+
+
+def _measure_commands(quick: bool, stream: TextIO, python: str) -> list[dict[str, Any]]:
+    """Print the table of one interpreter and return its rows."""
+    print(f"first run on a machine and second run, CPU time, {python}", file=stream)
     print(f"{'command':<26}{'cold [s]':>12}{'warm [s]':>12}{'difference [s]':>18}", file=stream)
     rows = []
     for name in _QUICK if quick else COMMANDS:
@@ -53,19 +59,22 @@ def run_startup(quick: bool, stream: TextIO, python: str) -> list[dict[str, Any]
                 _run_command(python, f"{COMMANDS[name]} -o {place / output}", place)
                 for output in ("cold", "warm")
             )
-        rows.append({"command": name, "cold": cold, "warm": warm})
+        rows.append({"python": python, "command": name, "cold": cold, "warm": warm})
         print(f"{name:<26}{cold:>12.1f}{warm:>12.1f}{cold - warm:>18.1f}", file=stream)
+    print(file=stream)
     return rows
 
 
 def _run_command(python: str, command: str, caches: Path) -> float:
     """Return the CPU time [s] of a command whose compiled code is stored in `caches`."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    # The environment's own climbplan runs, not one on the path or in the working directory
+    inherited = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
     try:
         subprocess.run(
             [python, "-m", "climbplan", *command.format(specs=_SPECS).split()],
-            env={**os.environ, "NUMBA_CACHE_DIR": str(caches / "numba"), "OMP_NUM_THREADS": "1"},
-            cwd=caches,  # not in the clone: the environment's own climbplan runs
+            env={**inherited, "NUMBA_CACHE_DIR": str(caches / "numba"), "OMP_NUM_THREADS": "1"},
+            cwd=caches,
             capture_output=True,
             text=True,
             check=True,

@@ -479,3 +479,11 @@ def test_a_second_search_replaces_no_better_point(
     assert searches[-1] is ConicSearch
     assert problem.solver_stats.extra_stats["status"] == "feasible"
     assert problem.value == pytest.approx(optimum, abs=1e-6)
+
+
+@pytest.mark.merge
+def test_certified_integers_without_bounds_and_without_a_point_need_bounds(tmp_path: Path) -> None:
+    x, y = cp.Variable(integer=True), cp.Variable(integer=True)
+    problem = cp.Problem(cp.Minimize(cp.square(x)), [2 * x - 2 * y == 1])
+    with pytest.raises(cp.error.SolverError, match="give it bounds"):
+        problem.solve(solver=climbplan.CVXPY(certificate=tmp_path / "proof.h5"))

@@ -29,6 +29,8 @@ from climbplan.schema.wording import collect_findings, format_value
 if TYPE_CHECKING:
     from climbplan.climb.schema.transition import TransitionSpec, TransitionTaskSpec
 
+_LEAST_RISK = 0.004  # of falls in closed loop: what 1000 worlds without a fall show
+
 
 @dataclass(frozen=True)
 class ValidClimbParts:
@@ -256,6 +258,9 @@ def check_risk(spec: ClimbSpec | TransitionSpec, robot: AnyRobot) -> list[Findin
         return []
     if spec.risk is None:
         return [Finding(("closed_loop",), "expected `risk` as well, whose falls are counted so")]
+    if spec.risk < _LEAST_RISK:
+        message = f"expected at least {_LEAST_RISK}: closed-loop worlds that show less take days"
+        return [Finding(("risk",), message)]
     has_five_bars = isinstance(robot, RobotSpec) and robot.five_bar is not None
     has_soles = not isinstance(robot, RobotSpec) and robot.spec.flat_feet
     if robot.gripper is not None or has_five_bars or has_soles:

@@ -36,6 +36,7 @@ _ABSOLUTE = 5e-8  # gap that is enough whatever the cost: dual values are no mor
 _PRUNE = 0.5  # fraction of the gap at which nodes are pruned
 _HEURISTIC = 10  # nodes between roundings of a relaxation's integers
 _DIVE = 50  # nodes without an incumbent before the first dive for one, doubled after each
+_DIVE_STEPS = 20  # largest number of steps of a dive, for each integer
 _SMALLEST_GAIN = 1e-6
 _MAX_INTEGER = 1e9  # integers beyond are not branched on
 
@@ -158,10 +159,13 @@ class ConicTree:
         """Look for an incumbent: raise the integer that is nearest to the one above, and go on.
 
         Binaries of which one has to be 1 are so decided one group at a time. Where a child is empty
-        the integer is kept below instead, once in a row.
+        the integer is kept below instead, once in a row. Among integers without bounds there may be
+        no end of that.
         """
         lower, upper, x = node.lower.copy(), node.upper.copy(), node.x
-        while self.incumbent is None and time.perf_counter() < deadline:
+        for _ in range(_DIVE_STEPS * len(self._integers)):
+            if self.incumbent is not None or time.perf_counter() >= deadline:
+                return
             integers = self._integers[lower[self._integers] < upper[self._integers]]
             fraction = x[integers] - np.floor(x[integers])
             fraction[(fraction < _INTEGRAL) | (fraction > 1.0 - _INTEGRAL)] = 0.0

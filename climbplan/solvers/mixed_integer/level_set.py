@@ -45,7 +45,8 @@ def bound_variables(
     Args:
         instance: Convex instance with integers, without choices and products.
         integers_only: Whether only integers get bounds, and all of them need some. Otherwise
-            variables without bounds in the level set keep their open sides.
+            variables without bounds in the level set keep their open sides, integers only where
+            the cost of some point is known.
         time_limit: Time limit [s] of the search for an incumbent.
 
     Raises:
@@ -67,12 +68,14 @@ def bound_variables(
         raise UnboundedRelaxation(
             f"{instance.name}: its relaxation has no solution ({relaxation.log[-1]})"
         )
-    cost = _find_cost(instance, time_limit)
+    cost, is_final = _find_cost(instance, time_limit)
     level = _build_level_set(relaxed, cost)
     lower, upper = instance.lower.copy(), instance.upper.copy()
     for j in map(int, np.flatnonzero(selected)):
         low, high = (_find_extreme(level, j, sign) for sign in (1.0, -1.0))
-        if integers_only and not (np.isfinite(low) and np.isfinite(high)):
+        # A search over integers without bounds would not end where there is no point
+        needs_bounds = instance.integer[j] and (integers_only or (cost == np.inf and not is_final))
+        if needs_bounds and not (np.isfinite(low) and np.isfinite(high)):
             raise UsageError(
                 f"{level.name}: variable {j} has no bound where the cost is low: give it bounds"
             )
@@ -81,15 +84,15 @@ def bound_variables(
     return replace(instance, lower=lower, upper=upper)
 
 
-def _find_cost(instance: Instance, time_limit: float) -> float:
-    """Return the cost of a good point, infinite where none is found."""
+def _find_cost(instance: Instance, time_limit: float) -> tuple[float, bool]:
+    """Return the cost of a good point, infinite where none is found, and whether none is better."""
     tree, deadline = ConicTree(instance), time.perf_counter() + time_limit
     for max_nodes in _NODES:
         with hide_searches():
             tree.run(deadline, max_nodes)
         if tree.incumbent is not None or tree.is_finished:
             break
-    return tree.cost
+    return tree.cost, tree.is_finished
 
 
 def _build_level_set(instance: Instance, cost: float) -> Instance:

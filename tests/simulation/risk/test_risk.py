@@ -204,6 +204,7 @@ def test_falls_are_counted_in_closed_loop_on_request(
             "risk: expected no `trajectory.pace`: closed-loop execution",
         ),
         (["risk=0.1", "trajectory.pace=1"], "risk: expected no `trajectory.pace`: falls are"),
+        (["closed_loop=true", "risk=0.003"], "risk: expected at least 0.004"),
         (["closed_loop=true", "risk=0.1", "robot=scaler"], "closed_loop: .* has five-bar legs"),
     ],
 )

@@ -25,12 +25,11 @@ import numba
 from numba.core import compiler as numbas_own
 from numba.core import event
 
-from climbplan.precompiled import attach_carried_code
 from climbplan.progress import report_compilation
 
 config: Any = numba.config
 
-_TESTED_VERSION = (0, 68)  # last version of Numba with which `joined_code` was tested
+_TESTED_VERSION = (0, 68)  # last version of Numba with which internals were tested
 LONG = 1.0  # compilation time from which a line is logged [s]
 _MESSAGE = "compiling functions, which a machine does once; this takes up to a minute"
 _log = logging.getLogger(__name__)
@@ -95,7 +94,10 @@ def create_compiler(
         finally:
             config.CACHE_DIR = users
         # Code of inner functions is part of that of their callers; NUMBA_DISABLE_JIT has none
-        if not is_inner and not config.DISABLE_JIT:
+        has_machine_code = not is_inner and not config.DISABLE_JIT
+        if has_machine_code and numba.version_info.short <= _TESTED_VERSION:
+            from climbplan.precompiled import attach_carried_code
+
             attach_carried_code(dispatcher, name)
         return cast("Function", dispatcher)
 

@@ -4,7 +4,8 @@ Numba's cache holds code for one processor and names it by the time of the sourc
 serves many machines: its code is named by a hash of the sources instead (`compiling`) and is made
 for a level of the architecture that processors of the last ten years have. A machine below that
 level, another version of Numba, of Python or of the sources, or argument types that the wheel's
-code does not have are compiled as ever.
+code does not have are compiled as ever. So are all functions with a version of Numba later than
+those whose internals this module was tested with.
 """
 
 from __future__ import annotations

@@ -267,6 +267,9 @@ from climbplan import precompiled
 precompiled.CARRIED = Path(os.environ["CARRIED"])
 if "old" in sys.argv:
     precompiled._FEATURES = ("one of later processors",)
+if "later" in sys.argv:
+    from climbplan import compiling
+    compiling._TESTED_VERSION = (0, 1)
 runpy.run_path("compiled_one.py")
 """
 
@@ -293,6 +296,7 @@ def test_code_of_a_wheel_is_taken_before_any_other(room: Path, tmp_path: Path) -
     if precompiled.LEVEL != "generic":
         assert run_carrying(room, home, "old") == "0\n"  # a processor below the level
         assert list(home.rglob("*.nbc"))
+    assert run_carrying(room, tmp_path / "later", "later") == "0\n"  # a later version of Numba
     allow_writing(room)
     file = room / "compiled_one.py"
     file.write_text(file.read_text().replace("x + STEPS[i]", "STEPS[i] + x"))

@@ -15,7 +15,9 @@ class Promise:
 
     risk: float  # largest probability of a fall that the spec allows
     engine: str
-    seed: int  # of the worlds: `simulate --worlds N --seed SEED --engine ENGINE` repeats them
+    # Of the worlds: `simulate --worlds N --seed SEED --engine ENGINE` repeats them, with
+    # `--closed-loop` where falls were counted so
+    seed: int
     worlds: int
     falls: int
     lower: float  # of the probability, 95 % (Clopper and Pearson)

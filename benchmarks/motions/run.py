@@ -22,6 +22,7 @@ from benchmarks.motions.public import (
     read_public_motion,
     read_sources,
 )
+from benchmarks.motions.simulated import bench_simulated
 from climbplan.datasets.motions.rows import LAYOUTS, OBJECTIVE_UNIT
 from climbplan.datasets.motions.statistics import count_motions
 from climbplan.datasets.shards import ShardStore
@@ -37,7 +38,7 @@ from climbplan.store.dataset_file import read_dataset_file
 from climbplan.verification.check import Check
 
 _QUICK_COUNT = 3
-RULE_COUNT = 20  # motions of the dataset that are measured with contacts by the rule
+RULE_COUNT = 20  # motions of the dataset that are measured by the rule, and simulated
 _NOTE = "run.json"  # of a run that is going on
 _PERCENTILES = (50, 95, 100)
 _DERIVED = ("velocity.", "kinematics.")  # of public files, whose links and velocities are ours
@@ -118,6 +119,7 @@ def _bench_dataset(folder: Path, count: int | None, out: TextIO) -> dict[str, An
     by_rule = [_measure_by_rule(path) for path in fewer]
     title = f"{len(by_rule)} of them, contacts by distance and speed of the feet"
     _print_measures(title, by_rule, out)
+    simulated = bench_simulated([path.with_suffix(".h5") for path in fewer], out)
     return {
         "rows": rows.count,
         "planned_rows": planned_count,
@@ -125,6 +127,7 @@ def _bench_dataset(folder: Path, count: int | None, out: TextIO) -> dict[str, An
         "counts": [vars(entry) for entry in counts],
         "measures": _summarise(as_stored),
         "measures_by_rule": _summarise(by_rule),
+        "simulated": simulated,
     }
 
 

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from climbplan.arrays import Array, IntArray
 from climbplan.motions.tracked_motion import TerrainMesh
 
-FAR = 0.5  # [m] distance up to which triangles are looked at; farther points have this distance
+FAR = 0.5  # [m] largest distance that is told; points farther above a mesh have this one
 _CHUNK = 256  # points at a time
 _MAX_PAIRS = 400_000  # of point and triangle at a time
 _SLACK = 1e-9  # [m] for rounding
@@ -18,8 +18,9 @@ _MIN_AREA = 1e-14  # [m^2] of a triangle that has a normal
 def measure_distances(points: Array, mesh: TerrainMesh) -> Array:
     """Return signed distances (M,) of points (M, 3) from a mesh [m], at most `FAR`.
 
-    A point has a negative distance where the nearest point of the mesh lies inside a triangle and
-    the point is behind that triangle. Behind edges of open surfaces distances stay positive.
+    A point has a negative distance, however deep it is, where the nearest point of the mesh lies
+    inside a triangle and the point is behind that triangle. Behind edges of open surfaces
+    distances stay positive.
     """
     corners = mesh.corners
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -34,7 +35,7 @@ def measure_distances(points: Array, mesh: TerrainMesh) -> Array:
     centroids = corners.mean(axis=1)
     tree = cKDTree(np.concatenate([corners.reshape(-1, 3), centroids]))
     max_distance, nearest = tree.query(points)
-    reach = np.minimum(max_distance + _SLACK, FAR)
+    reach = max_distance + _SLACK
     # Neighbours together: they are near the same few triangles
     order = np.lexsort((max_distance, nearest))
     for start in range(0, len(points), _CHUNK):

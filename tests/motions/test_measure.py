@@ -322,9 +322,9 @@ def test_shapes_of_feet_are_those_of_collision(tmp_path: Path) -> None:
 def test_distances_have_the_sign_of_the_side() -> None:
     square = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0.0]])
     points = np.array([[0.3, 0.3, 0.1], [0.7, 0.2, -0.05], [0.5, 0.5, -0.02], [1.2, 0.5, -0.1],
-                       [0.5, 0.5, 3.0]])  # fmt: skip
+                       [0.5, 0.5, 3.0], [0.4, 0.6, -2.0], [5.0, 0.5, -2.0]])  # fmt: skip
     distance = measure_distances(points, build_polygon_mesh([square]))
-    assert distance == pytest.approx([0.1, -0.05, -0.02, np.hypot(0.2, 0.1), FAR])
+    assert distance == pytest.approx([0.1, -0.05, -0.02, np.hypot(0.2, 0.1), FAR, -2.0, FAR])
 
 
 def test_a_free_joint_before_the_others_is_left_out(motion: TrackedMotion, tmp_path: Path) -> None:

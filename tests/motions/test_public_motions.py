@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -85,3 +87,36 @@ def test_what_is_no_motion_is_refused(tmp_path: Path) -> None:
     (tmp_path / "frames.txt").write_text("{}")
     with pytest.raises(UsageError, match=r"frames\.txt"):
         read_public_motion(tmp_path / "frames.txt", frames, read_robot(URDF))
+
+
+@pytest.mark.merge
+def test_simulated_feet_slide_and_sink_little(urdf_climb: Path) -> None:
+    pytest.importorskip("mujoco")
+    from benchmarks.motions.simulated import bench_simulated, measure_penetration
+    from climbplan.climb.plan.file import read_climb
+    from climbplan.climb.simulation.comparison import find_slips, list_slides
+    from climbplan.climb.simulation.replay import simulate
+    from climbplan.simulation.conditions import NOMINAL
+
+    out = io.StringIO()
+    results = bench_simulated([urdf_climb], out)
+    assert results["motions"] == results["stand"] == 1
+    assert "1 of them in MuJoCo, 1 stand" in out.getvalue()
+    assert 0 < results["slip"][-1] < 5e-3
+    assert results["penetration"][-1] < 2e-3
+    plan = read_climb(urdf_climb)
+    run = simulate(plan, NOMINAL)
+    # A toe that is moved along its wall in the middle of a stance has slid, and one that is moved
+    # into the wall is that much deeper
+    slide = max(list_slides(plan, run), key=lambda s: len(s.distance))
+    sample = slide.start + len(slide.distance) // 2
+    moved = run.toes.copy()
+    moved[sample, slide.limb, 2] += 0.02
+    (slip,) = find_slips(plan, replace(run, toes=moved))
+    assert (slip.limb, slip.time) == (slide.limb, run.time[sample])
+    assert slip.distance == pytest.approx(0.02, abs=5e-3)
+    normal = plan.instants.normal[0, slide.limb]
+    moved = run.toes.copy()
+    moved[sample, slide.limb] -= 0.01 * normal
+    sunk = measure_penetration(plan, replace(run, toes=moved))
+    assert sunk == pytest.approx(0.01, abs=2e-3)

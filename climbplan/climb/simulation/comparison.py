@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -171,17 +172,23 @@ def _replace_stiffness(plan: ClimbPlan, stiffness: Array) -> Robot:
     return replace(plan.robot, joint_stiffness=stiffness)
 
 
-def find_slips(plan: ClimbPlan, run: RecordedRun) -> tuple[LimbSlip, ...]:
-    """Find toes that slid by more than SLIP in their stance; rolling of spherical feet is no slip.
+@dataclass(frozen=True)
+class StanceSlide:
+    """How far a toe has slid since it touched, at each sample of a stance."""
+
+    limb: int
+    start: int  # sample at which it touched
+    distance: Array  # (M,) [m]
+
+
+def list_slides(plan: ClimbPlan, run: RecordedRun) -> Iterator[StanceSlide]:
+    """Yield how far toes slide in each of their stances; rolling of spherical feet is no slide.
 
     A toe may slide at the end of its stance, where it is planned to press by less than
-    MIN_STANCE_PRESSURE until it is lifted. Grippers cannot slip.
+    MIN_STANCE_PRESSURE until it is lifted: that end is left out.
     """
-    if run.grips is not None:
-        return ()
     instant = sample_instants(plan)[: run.samples]
     contact = find_stance(plan)[: run.samples]
-    slips: list[LimbSlip] = []
     for limb in range(plan.robot.limb_count):
         for first, last in spans_of(contact[:, limb]):
             contact_samples = np.flatnonzero(run.touching[first:last, limb])
@@ -193,17 +200,22 @@ def find_slips(plan: ClimbPlan, run: RecordedRun) -> tuple[LimbSlip, ...]:
                 normal = plan.instants.normal[max(int(instant[last - 1]), 0), limb]
                 links = run.links[start:last, limb]
                 shift = shift - integrate_rolling(plan.robot.foot.radius, links, normal)
-            slip_distance = np.linalg.norm(shift, axis=1)
-            if slip_distance.max(initial=0.0) > SLIP:
-                onset = start + int(np.argmax(slip_distance > SLIP))
-                slips.append(
-                    LimbSlip(
-                        limb,
-                        float(run.time[onset]),
-                        int(instant[onset]),
-                        float(slip_distance.max()),
-                    )
-                )
+            yield StanceSlide(limb, start, np.linalg.norm(shift, axis=1))
+
+
+def find_slips(plan: ClimbPlan, run: RecordedRun) -> tuple[LimbSlip, ...]:
+    """Find toes that slid by more than SLIP in their stance. Grippers cannot slip."""
+    if run.grips is not None:
+        return ()
+    instant = sample_instants(plan)
+    slips: list[LimbSlip] = []
+    for slide in list_slides(plan, run):
+        farthest = float(slide.distance.max(initial=0.0))
+        if farthest > SLIP:
+            onset = slide.start + int(np.argmax(slide.distance > SLIP))
+            slips.append(
+                LimbSlip(slide.limb, float(run.time[onset]), int(instant[onset]), farthest)
+            )
     return tuple(sorted(slips, key=lambda s: s.time))
 
 

@@ -12,7 +12,12 @@ from climbplan.scan.cleaning import compute_areas
 from climbplan.scan.convex import compute_cross, decompose_convex, extract_convex_pieces
 from climbplan.scan.raw import RawScan
 from climbplan.scan.region_growing import segment_planar_patches
-from climbplan.scan.steppable_regions import HEADROOM, PlaneFrame, compute_steppable_area
+from climbplan.scan.steppable_regions import (
+    HEADROOM,
+    PlaneFrame,
+    ToeClearance,
+    compute_steppable_area,
+)
 from climbplan.scan.triangles import find_buried
 from climbplan.schema.terrain.scan import ScanSpec
 
@@ -41,17 +46,25 @@ class FoundRegion:
         return np.asarray(self.vertices.mean(axis=0))
 
 
-def find_contact_regions(raw: RawScan, spec: ScanSpec) -> tuple[FoundRegion, ...]:
-    """Find all contact regions of a scan, largest first."""
+def find_contact_regions(
+    raw: RawScan, spec: ScanSpec, foot_radius: float = 0.0
+) -> tuple[FoundRegion, ...]:
+    """Find all contact regions of a scan, largest first.
+
+    Args:
+        raw: The scan.
+        spec: What counts as a region.
+        foot_radius: Of spherical feet [m], which meet nothing beside where they stand; 0 for toes
+            that are points.
+    """
     corners = raw.corners
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = doubled / np.linalg.norm(doubled, axis=1, keepdims=True)
+    required = ToeClearance(spec.flatness, spec.toe_radius, foot_radius)
     regions: list[FoundRegion] = []
     for plane in _merge_coplanar_patches(raw, corners, spec):
         frame = PlaneFrame.on(plane.normal, plane.offset)
-        free = compute_steppable_area(
-            frame, plane.triangles, corners, normals, spec.flatness, spec.toe_radius
-        )
+        free = compute_steppable_area(frame, plane.triangles, corners, normals, required)
         overlaps = len(plane.first) < len(plane.triangles)
         pieces = [
             piece

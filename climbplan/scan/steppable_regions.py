@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,8 @@ _MIN_FACING = 0.5  # cosine to a patch's normal of what continues its surface
 _MAX_SLOPE = 0.7  # by which that may leave the plane, some 35 degrees
 _CRACK = 2e-6  # [m] half width of gaps that are ignored
 _ARC_SEGMENTS = 4  # of a quarter circle
+_SPHERE_LAYERS = 4  # of cylinders about the lower half of a spherical foot
+_SPHERE_CONTACT = 1e-3  # [m] above a patch that spherical feet may touch beside where they stand
 _CIRCUMSCRIBED = 1.0 / np.cos(np.pi / (4 * _ARC_SEGMENTS))  # polygons contain their circles
 
 
@@ -54,33 +57,41 @@ class PlaneFrame:
         return self.origin + points[..., :1] * self.across + points[..., 1:] * self.along
 
 
+@dataclass(frozen=True)
+class ToeClearance:
+    """Distances that toes keep from edges and from what rises [m]."""
+
+    flatness: float  # distance of a patch's triangles from its plane
+    distance: float  # about the toe
+    foot_radius: float = 0.0  # of spherical feet; 0 for points
+
+
 def compute_steppable_area(
     frame: PlaneFrame,
     patch_triangles: IntArray,
     corners: Array,
     normals: Array,
-    flatness: float,
-    clearance: float,
+    required: ToeClearance,
 ) -> shapely.Geometry:
-    """Compute the part of a patch on which a toe has a given clearance, as a polygon of its frame.
+    """Compute the part of a patch on which a toe has a clearance, as a polygon of its frame.
 
     Within the clearance the surface continues, in whatever triangles, and nothing rises next to the
-    toe or above it.
+    toe or above it. A spherical foot that rests on the plane meets no other triangle.
 
     Args:
         frame: The plane of the patch.
         patch_triangles: The patch's triangles.
         corners: Of the whole scan (T, 3, 3) [m].
         normals: Of the whole scan (T, 3).
-        flatness: Distance of the patch's triangles from its plane [m].
-        clearance: Distance about the toe [m].
+        required: What toes keep from edges, and from what rises.
     """
+    clearance = required.distance
     placed = transform_to_frame(corners, patch_triangles, frame.origin, frame.axes)[0]
     patch = _join_triangles(_build_polygons(placed[..., :2]))
     if patch.is_empty:
         return patch
     shapely.prepare(patch)
-    limit = flatness + _MAX_SLOPE * clearance
+    limit = required.flatness + _MAX_SLOPE * clearance
     neighbours, heights, reach = _find_nearby_triangles(
         frame, patch_triangles, placed, corners, 2 * clearance + 1e-6, limit
     )
@@ -89,39 +100,68 @@ def compute_steppable_area(
     level = facing & (highest >= -limit) & (lowest <= limit)
     outline = _Outline.of(patch, max(clearance, 1e-3))
     level[level] = _find_near_outline(heights[level], outline, 2 * clearance)
-    whole = level & (highest <= limit) & (lowest >= -limit)
-    ground = (
-        _join_triangles([patch, *_build_polygons(heights[whole][..., :2])])
-        if whole.any()
-        else patch
-    )
-    cut = _clip_polygons(heights[level & ~whole], -limit, limit)
-    if cut:
-        ground = _unite([ground, *cut])
     free = patch
     if clearance > 0:
+        ground = _extend_ground(patch, heights[level], limit)
         # Cracks between triangles that share no corners in the file are no edges
         edges = shapely.boundary(shapely.buffer(ground, _CRACK, join_style="mitre"))
         edges = shapely.intersection(edges, shapely.box(*_extend_bounds(patch, 2 * clearance)))
         free = shapely.difference(
             free, shapely.buffer(edges, _CIRCUMSCRIBED * clearance, quad_segs=_ARC_SEGMENTS)
         )
-    rising = heights[(highest >= limit) & (lowest <= HEADROOM)]
-    return _keep_off_rising(free, patch, outline, rising, limit, clearance)
+    layers = [_Layer(limit, HEADROOM, clearance)]
+    if required.foot_radius > 0:
+        lowest_contact = max(float(placed[..., 2].max()), 0.0) + _SPHERE_CONTACT
+        layers += _list_sphere_layers(required.foot_radius, lowest_contact, limit)
+    for layer in layers:
+        rising = heights[(highest >= layer.low) & (lowest <= layer.high)]
+        free = _keep_off(free, patch, outline, rising, layer)
+    return free
 
 
-def _keep_off_rising(
+def _extend_ground(patch: shapely.Geometry, corners: Array, limit: float) -> shapely.Geometry:
+    """Return a patch with what of triangles (T, 3, 3) continues it within a height [m]."""
+    is_whole = (np.abs(corners[..., 2]) <= limit).all(axis=1)
+    ground = patch
+    if is_whole.any():
+        ground = _join_triangles([patch, *_build_polygons(corners[is_whole][..., :2])])
+    cut = _clip_polygons(corners[~is_whole], -limit, limit)
+    return _unite([ground, *cut]) if cut else ground
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """Heights over a plane, and the distance to keep along the plane from what is there [m]."""
+
+    low: float
+    high: float
+    clearance: float
+
+
+def _list_sphere_layers(radius: float, low: float, high: float) -> list[_Layer]:
+    """Return layers of heights, from low to high, as wide as a sphere on the plane is there."""
+    levels = np.linspace(low, max(radius, low), _SPHERE_LAYERS + 1)
+    levels = np.unique(np.minimum(np.append(levels, high), high))
+    below_centre = np.clip(radius - levels[1:], 0.0, radius)
+    widths = np.sqrt(radius**2 - below_centre**2)
+    return [
+        _Layer(below, above, width)
+        for (below, above), width in zip(itertools.pairwise(levels), widths, strict=True)
+    ]
+
+
+def _keep_off(
     free: shapely.Geometry,
     patch: shapely.Geometry,
     outline: _Outline,
-    rising: Array,
-    limit: float,
-    clearance: float,
+    corners: Array,
+    layer: _Layer,
 ) -> shapely.Geometry:
-    """Return what of a free area keeps a clearance from triangles (T, 3, 3) that rise over it."""
-    is_above = shapely.contains_xy(patch, rising[..., :2].mean(axis=1)) if len(rising) else []
-    rising = rising[_find_near_outline(rising, outline, clearance) | np.asarray(is_above, bool)]
-    blocking = _clip_polygons(rising, limit, HEADROOM)
+    """Return what of a free area keeps off triangles (T, 3, 3) in a layer over a patch."""
+    clearance = layer.clearance
+    is_above = shapely.contains_xy(patch, corners[..., :2].mean(axis=1)) if len(corners) else []
+    corners = corners[_find_near_outline(corners, outline, clearance) | np.asarray(is_above, bool)]
+    blocking = _clip_polygons(corners, layer.low, layer.high)
     if blocking:
         around = np.array(blocking, object)
         around = around[shapely.dwithin(around, patch, clearance)]
@@ -199,7 +239,7 @@ def _find_nearby_triangles(
     lateral: float,
     depth: float,
 ) -> tuple[IntArray, Array, tuple[Array, Array]]:
-    """Return other triangles that may reach into the box over a patch, up to the headroom.
+    """Return other triangles that may reach into the box over a patch, up to the headrequired.
 
     placed (P, 3, 3): corners of the patch's own triangles in its frame. Returns numbers (K,),
     corners

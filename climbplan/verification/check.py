@@ -127,7 +127,7 @@ RISK_LIMITS = {
 
 # Made beside these where the terrain is from a scan.
 SCAN_LIMITS = {
-    "scan.toes": Limit(1e-6, "m", "standing toes within the flatness of the raw surface"),
+    "scan.toes": Limit(1e-6, "m", "standing feet within the flatness of the raw surface"),
     "scan.grips": Limit(1e-3, "rad", "gripped sides of the raw surface within the fingers"),
     "scan.friction": Limit(1e-6, "of weight", "forces within friction of the raw normals"),
     "scan.body": Limit(1e-6, "m", "the body hull keeps its distance from raw triangles"),

@@ -14,10 +14,13 @@ from known_surfaces import box, joined
 import climbplan
 from benchmarks.climb.rocky_tubes import rocky_tube
 from benchmarks.climb.windows import TUBE
+from climbplan.climb.check.scan import check_scan
+from climbplan.climb.check.subject import build_subject
 from climbplan.climb.check.verification import verify_plan
 from climbplan.climb.plan.climb_plan import ClimbPlan
 from climbplan.climb.plan.file import read_climb
 from climbplan.errors import SpecError
+from climbplan.robots.foot import Foot
 from climbplan.verification.check import SCAN_LIMITS
 
 SPEC = """\
@@ -96,6 +99,15 @@ def moved(plan: ClimbPlan, by: tuple[float, float, float]) -> ClimbPlan:
 def test_a_surface_lower_than_the_flatness_fails_the_toes(made) -> None:
     assert outcome(moved(made[1], (0, 0, -0.004)))["scan.toes"]
     assert not outcome(moved(made[1], (0, 0, -0.006)))["scan.toes"]
+
+
+def test_a_spherical_foot_that_reaches_into_the_surface_fails_the_toes(made) -> None:
+    """Toes of this plan are on the surface: a sphere about them is as deep as its radius."""
+    for radius, passes in ((0.004, True), (0.006, False)):
+        plan = made[1]
+        subject = build_subject(replace(plan, robot=replace(plan.robot, foot=Foot(radius))))
+        checks = {check.name: check.passed for check in check_scan(subject, plan.terrain.scan)}
+        assert checks["scan.toes"] is passes
 
 
 def test_a_surface_that_rises_fails_limbs_and_body(made) -> None:

@@ -12,6 +12,7 @@ from known_surfaces import ROOM, SURFACES, Known, angle, block, grid, holed, pla
 from climbplan.scan.cleaning import clean_mesh
 from climbplan.scan.contact_regions import FoundRegion, find_contact_regions
 from climbplan.scan.convex import decompose_convex, extract_convex_pieces
+from climbplan.scan.courses import Course, make_blocks, make_rubble
 from climbplan.scan.distances import compute_triangle_distances
 from climbplan.scan.raw import RawScan
 from climbplan.schema.terrain.scan import ScanSpec
@@ -160,3 +161,31 @@ def test_two_hundred_thousand_triangles_become_regions() -> None:
     regions = find_contact_regions(clean_mesh(raw), SPEC)
     assert len(raw.triangles) > 199_000
     assert len(regions) > 100
+
+
+@pytest.mark.parametrize(
+    "course",
+    [
+        make_blocks(np.random.default_rng(3), 0.33, 3, 0.016),
+        make_rubble(np.random.default_rng(4), 3, (0.0, 0.03), 0.2),
+    ],
+)
+def test_spherical_feet_meet_nothing_beside_where_they_stand(course: Course) -> None:
+    """Steps lower than a foot's radius are no edges for points, but a sphere meets them."""
+    radius, rng = 0.02, np.random.default_rng(0)
+    mesh = course.mesh
+    label = np.zeros(len(mesh.faces), int)
+    raw = clean_mesh(RawScan(np.array(mesh.vertices), np.array(mesh.faces), label))
+    spec = SPEC.model_copy(update={"toe_radius": radius})
+
+    def measure_depth(foot_radius: float) -> float:
+        depth = 0.0
+        for region in find_contact_regions(raw, spec, foot_radius):
+            middle = np.concatenate([region.vertices, sampled(region, 300, rng)])
+            middle = middle + radius * region.normal
+            distance = compute_triangle_distances(middle, middle, raw.corners, 1.0)
+            depth = max(depth, radius - float(distance.min()))
+        return depth
+
+    assert measure_depth(radius) <= 1e-3
+    assert measure_depth(0.0) > 4e-3

@@ -57,14 +57,19 @@ def _find_standing_toes(subject: Subject) -> tuple[IntArray, IntArray, Array]:
 
 
 def _check_toes(subject: Subject, scan: RawSurface) -> Check:
-    """Check that every standing toe is within the flatness of the raw surface."""
+    """Check that every standing toe is within the flatness of the raw surface.
+
+    A spherical foot also reaches no deeper than that into anything beside where it stands.
+    """
     instant, limb, toes = _find_standing_toes(subject)
     if not len(toes):
         return judge_worst("scan.toes", np.zeros(1), lambda _: "", margin="no toe on the scan")
-    unique_toes, inverse = np.unique(toes, axis=0, return_inverse=True)
-    distance = measure_triangle_distances(
-        unique_toes, unique_toes, scan.corners, scan.flatness + 0.1
-    )[inverse.reshape(-1)]
+    foot = subject.plan.robot.foot
+    radius = foot.radius if foot is not None else 0.0
+    distance = _measure_unique(toes, scan, scan.flatness + 0.1)
+    middles = subject.plan.instants.toes[instant, limb]
+    depth = radius - _measure_unique(middles, scan, radius + scan.flatness)
+    distance = np.maximum(distance, depth)
 
     def describe_place(row: int) -> str:
         return f"{subject.describe_instant(int(instant[row]))}, {subject.name_limb(int(limb[row]))}"
@@ -73,6 +78,13 @@ def _check_toes(subject: Subject, scan: RawSurface) -> Check:
     return judge_worst(
         "scan.toes", distance - scan.flatness, describe_place, margin, distance / scan.flatness
     )
+
+
+def _measure_unique(points: Array, scan: RawSurface, limit: float) -> Array:
+    """Return distances (S,) of points (S, 3), many of them alike, from the raw surface [m]."""
+    unique, inverse = np.unique(points, axis=0, return_inverse=True)
+    distance = measure_triangle_distances(unique, unique, scan.corners, limit)
+    return distance[inverse.reshape(-1)]
 
 
 def _check_friction(subject: Subject, scan: RawSurface) -> Check:

@@ -68,12 +68,13 @@ def fit_scan(loaded: Loaded) -> Loaded:
     guide = build_guide(loaded.spec)
     if scan.holds is not None:
         return _add_holds(loaded, scan, scan.holds, robot, guide)
-    if robot.foot is not None and robot.foot.radius > scan.toe_radius:
-        scan = scan.model_copy(update={"toe_radius": robot.foot.radius})
+    foot_radius = robot.foot.radius if robot.foot is not None else 0.0
+    if foot_radius > scan.toe_radius:
+        scan = scan.model_copy(update={"toe_radius": foot_radius})
     try:
         raw = crop_scan(scan, loaded.directory, guide, robot)
         _log_notes(raw)
-        regions_of_scan = find_contact_regions(raw, scan)
+        regions_of_scan = find_contact_regions(raw, scan, foot_radius)
     except ScanError as error:
         raise _build_spec_error(loaded, f"{_SCAN_KEY}.file", str(error)) from error
     reachable = [

@@ -51,7 +51,7 @@ def fit_walk_scan(loaded: LoadedMpc) -> LoadedMpc:
         raw = _crop_scan(loaded, scan, path, reach)
         for note in raw.notes:
             _log.info("scan      %s", note, extra={"note": True})
-        regions = find_contact_regions(raw, _limit_scan(scan, walker))
+        regions = find_contact_regions(raw, _limit_scan(scan, walker), walker.foot)
         reachable = select_regions(regions, path, reach)
         if not reachable:
             raise ScanError(_explain_no_region(regions, path, reach))

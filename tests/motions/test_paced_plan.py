@@ -26,6 +26,7 @@ from climbplan.motions.completion import read_robot
 from climbplan.motions.measure import measure_motion
 from climbplan.motions.pace import build_pyramids
 from climbplan.robots.any_robot import build_robot
+from climbplan.robots.kinematics import toe_world
 from climbplan.robots.model import Robot
 from climbplan.robots.rotations import rotation_world_body
 from climbplan.robots.serial_chain import SerialChain
@@ -58,13 +59,28 @@ def list_failures(plan: ClimbPlan) -> set[str]:
 
 def test_a_paced_plan_is_faster_and_keeps_all_limits(paced: ClimbPlan, urdf_climb: Path) -> None:
     slow, fast = read_climb(urdf_climb).trajectory, paced.trajectory
-    assert fast.time[-1] < slow.time[-1] / 1.5
+    assert fast.time[-1] < slow.time[-1] / 1.2
     checks = {check.name: check for check in verify_plan(paced).checks}
     assert all(check.passed for check in checks.values())
     assert checks["trajectory.dynamics"].residual < 1e-9
     assert fast.torque is not None
     assert (np.abs(fast.torque) <= paced.robot.max_torque * (1 + 1e-6)).all()
     assert "trajectory.dynamics" not in {c.name for c in verify_plan(read_climb(urdf_climb)).checks}
+
+
+def test_toes_land_slowly(paced: ClimbPlan) -> None:
+    """The last way to the surface, from rest to rest, is no faster than 0.2 m/s."""
+    moved, contact = paced.trajectory, paced.trajectory.contact
+    toes = toe_world(paced.robot, moved.com, moved.rpy, moved.joint_command)
+    speed = np.linalg.norm(np.diff(toes, axis=0), axis=-1) / np.diff(moved.time)[:, None]
+    landings = np.argwhere(contact[1:] & ~contact[:-1])
+    assert len(landings) == paced.robot.limb_count
+    peaks = []
+    for sample, limb in landings:
+        before = speed[: sample - 1, limb][::-1]
+        rest = int(np.argmax((before < 1e-3) & (before.cumsum() > 0.1)))
+        peaks.append(before[:rest].max())
+    assert 0.1 < max(peaks) <= 0.2 * 1.05
 
 
 def change_one(name: str, factor: float) -> Callable[[Trajectory], Trajectory]:

@@ -8,7 +8,8 @@ between, all that moves is at the fraction
 of its path, with neither velocity nor acceleration at the ends. Twice as fast, accelerations are
 four times as large. At every sample there have to be contact forces that balance weight and
 inertia (`mechanics.inertia`) within friction and torque limits (`motions.pace`). Segments with a
-sample that has none take longer, as do those with joints that are too slow.
+sample that has none take longer, as do those with joints that are too slow, or toes that land too
+fast: impacts are not in the dynamics.
 """
 
 from __future__ import annotations
@@ -46,6 +47,8 @@ from climbplan.robots.model import Robot
 _MIN_SAMPLES = 10  # of a segment that moves
 _NUM_RESTING = 2  # samples in addition, one at each end
 _RESERVE = 0.75  # of the fastest pace
+_LANDING_SPEED = 0.2  # [m/s] largest of toes on their last way to a surface: faster ones rebound
+_PEAK_SPEED = 1.875  # of a segment, over its mean
 _MAX_ROUNDS = 20  # of longer segments
 _LONGER, _LONGEST = 1.05, 2.0  # factor on durations that are too short, in one round
 _TORQUE_MARGIN = 1e-6  # of torques that planned forces need beyond a limit
@@ -129,12 +132,21 @@ def _compute_first_durations(scene: MotionScene, frames: Keyframes, rate: float)
     """Return durations (F-1,) of segments by joint speeds and the spec's speed [s]."""
     spec = scene.spec.trajectory
     duration = np.maximum(compute_speed_durations(scene, frames, _ease), _MIN_SAMPLES / rate)
+    duration = np.maximum(duration, _compute_landing_durations(frames))
     pace: float | Literal["fastest"] | None = spec.pace
     if pace is None or pace == "fastest":
         return duration
     travel = float(np.linalg.norm(np.diff(frames.com, axis=0), axis=1).sum())
     fraction = frames.duration_fraction / frames.duration_fraction.sum()
     return np.maximum(duration, fraction * travel / (pace * spec.speed))
+
+
+def _compute_landing_durations(frames: Keyframes) -> Array:
+    """Return durations (F-1,) of segments in which toes land at `_LANDING_SPEED` at most [s]."""
+    lands = ~frames.contact & np.append(frames.contact[1:], frames.contact[-1:], axis=0)
+    distance = np.linalg.norm(np.diff(frames.toes, axis=0), axis=-1)
+    peak = _PEAK_SPEED * np.where(lands, distance, 0.0).max(axis=1)
+    return np.asarray(peak / _LANDING_SPEED)
 
 
 def _sample_motion(

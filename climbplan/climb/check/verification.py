@@ -70,11 +70,13 @@ def check_risk(plan: ClimbPlan) -> Iterator[Check]:
     interval_error = max(
         interval_error, abs(promise.risk - risk_limit) if risk_limit is not None else 0.0
     )
-    if risk_limit is not None and promise.closed_loop != counts_in_closed_loop(plan):
-        interval_error = np.inf
     promise_text = (
         f"{promise.words} ({promise.engine}, seed {promise.seed}), {low:.2%} to {high:.2%} fall"
     )
+    if risk_limit is not None and promise.closed_loop != counts_in_closed_loop(plan):
+        interval_error = np.inf
+        loop, stated_loop = ("closed", "open") if promise.closed_loop else ("open", "closed")
+        promise_text += f", counted in {loop} loop where the spec asks for {stated_loop} loop"
     check = judge("robust.risk", interval_error, margin=promise_text)
     if check.passed and high > promise.risk:
         first_cause = f"; first of all {promise.fells[0]}" if promise.fells else ""

@@ -188,7 +188,9 @@ def test_falls_are_counted_in_closed_loop_on_request(
     assert promise.words == f"{expected} goal in 2"
     assert verify_plan(plan).fragile == ()
     without = replace(plan, promise=replace(promise, closed_loop=False))
-    assert not verify_plan(without).passed
+    (failed,) = (check for check in verify_plan(without).checks if not check.passed)
+    assert failed.name == "robust.risk"
+    assert "counted in open loop where the spec asks for closed loop" in failed.margin
     with h5py.File(tmp_path / "plan.h5", "r+") as file:
         file.attrs["risk"] = str(file.attrs["risk"]).replace('"stops": 2', f'"stops": {validated}')
     with pytest.raises(PlanFileError, match="1 falls and"):

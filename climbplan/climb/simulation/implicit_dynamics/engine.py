@@ -65,7 +65,7 @@ from climbplan.terrain.surfaces import Region, Tube
 
 MAX_SPAN = 0.25  # [s] longest planned step, simulated time
 DELAYED_SPAN = 0.1  # [s] with a delayed regulator
-_UNKNOWN = "the statics engine does not know: --engine mujoco"
+_UNKNOWN = "the statics engine does not know: `climbplan simulate --engine mujoco` does"
 _NUM_NOISE_DRAWS = 4096  # sensor readings of a simulation whose errors differ
 _REGULATORS = {
     "nothing": NO_REGULATOR, "attitude": BY_ATTITUDE, "joints": BY_JOINTS, "pose": BY_POSE

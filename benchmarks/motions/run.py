@@ -38,7 +38,7 @@ from climbplan.store.dataset_file import read_dataset_file
 from climbplan.verification.check import Check
 
 _QUICK_COUNT = 3
-RULE_COUNT = 20  # motions of the dataset that are measured by the rule, and simulated
+SAMPLE_COUNT = 20  # motions of the dataset that are measured by the rule, and simulated
 _NOTE = "run.json"  # of a run that is going on
 _PERCENTILES = (50, 95, 100)
 _DERIVED = ("velocity.", "kinematics.")  # of public files, whose links and velocities are ours
@@ -115,7 +115,7 @@ def _bench_dataset(folder: Path, count: int | None, out: TextIO) -> dict[str, An
     paths = [folder / path for path in rows.solution["motion"][usable]]
     as_stored = [_measure_file(path) for path in _select(paths, count)]
     _print_measures(f"measures of {len(as_stored)} motions of the dataset", as_stored, out)
-    fewer = _select(paths, min(count or RULE_COUNT, RULE_COUNT))
+    fewer = _select(paths, min(count or SAMPLE_COUNT, SAMPLE_COUNT))
     by_rule = [_measure_by_rule(path) for path in fewer]
     title = f"{len(by_rule)} of them, contacts by distance and speed of the feet"
     _print_measures(title, by_rule, out)

@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from climbplan.arrays import Array, IntArray
 from climbplan.motions.tracked_motion import TerrainMesh
 
-FAR = 0.5  # [m] largest distance that is told; points farther above a mesh have this one
+FAR = 0.5  # [m] largest distance that is returned; points farther above a mesh have this one
 _CHUNK = 256  # points at a time
 _MAX_PAIRS = 400_000  # of point and triangle at a time
 _SLACK = 1e-9  # [m] for rounding

@@ -239,7 +239,7 @@ def _find_nearby_triangles(
     lateral: float,
     depth: float,
 ) -> tuple[IntArray, Array, tuple[Array, Array]]:
-    """Return other triangles that may reach into the box over a patch, up to the headrequired.
+    """Return other triangles that may reach into the box over a patch, up to the headroom.
 
     placed (P, 3, 3): corners of the patch's own triangles in its frame. Returns numbers (K,),
     corners

@@ -59,7 +59,7 @@ def _find_standing_toes(subject: Subject) -> tuple[IntArray, IntArray, Array]:
 def _check_toes(subject: Subject, scan: RawSurface) -> Check:
     """Check that every standing toe is within the flatness of the raw surface.
 
-    A spherical foot also reaches no deeper than that into anything beside where it stands.
+    A spherical foot, whose centre is the toe, also penetrates no other triangle deeper than that.
     """
     instant, limb, toes = _find_standing_toes(subject)
     if not len(toes):
@@ -67,8 +67,8 @@ def _check_toes(subject: Subject, scan: RawSurface) -> Check:
     foot = subject.plan.robot.foot
     radius = foot.radius if foot is not None else 0.0
     distance = _measure_unique(toes, scan, scan.flatness + 0.1)
-    middles = subject.plan.instants.toes[instant, limb]
-    depth = radius - _measure_unique(middles, scan, radius + scan.flatness)
+    centres = subject.plan.instants.toes[instant, limb]
+    depth = radius - _measure_unique(centres, scan, radius + scan.flatness)
     distance = np.maximum(distance, depth)
 
     def describe_place(row: int) -> str:
@@ -81,7 +81,10 @@ def _check_toes(subject: Subject, scan: RawSurface) -> Check:
 
 
 def _measure_unique(points: Array, scan: RawSurface, limit: float) -> Array:
-    """Return distances (S,) of points (S, 3), many of them alike, from the raw surface [m]."""
+    """Return distances (S,) of points (S, 3) from the raw surface, at most a limit [m].
+
+    Most points occur several times, and each place is measured once.
+    """
     unique, inverse = np.unique(points, axis=0, return_inverse=True)
     distance = measure_triangle_distances(unique, unique, scan.corners, limit)
     return distance[inverse.reshape(-1)]

@@ -47,8 +47,8 @@ from climbplan.robots.model import Robot
 _MIN_SAMPLES = 10  # of a segment that moves
 _NUM_RESTING = 2  # samples in addition, one at each end
 _RESERVE = 0.75  # of the fastest pace
-_LANDING_SPEED = 0.2  # [m/s] largest of toes on their last way to a surface: faster ones rebound
-_PEAK_SPEED = 1.875  # of a segment, over its mean
+_LANDING_SPEED = 0.2  # [m/s] largest of landing toes; chosen so that they do not rebound in MuJoCo
+_PEAK_SPEED = 1.875  # of a segment, over its mean: du/dtau at tau = 1/2
 _MAX_ROUNDS = 20  # of longer segments
 _LONGER, _LONGEST = 1.05, 2.0  # factor on durations that are too short, in one round
 _TORQUE_MARGIN = 1e-6  # of torques that planned forces need beyond a limit
